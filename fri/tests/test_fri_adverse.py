@@ -210,7 +210,7 @@ def interrupt(process: Any, number: signal.Signals = signal.SIGINT) -> None:
 
 @versions
 def test_interrupted_it_brings_the_torque_down_while_it_still_answers(scenario: Scenario, version: str) -> None:
-    """The robot does not hear that the port is closed: the answers must tell."""
+    """Interrupt the client: the torque comes down in answers, since the robot cannot hear that the port is closed."""
     run = scenario(version, "", "--deaf", "--answer-timeout", 2, at=[(1.8, interrupt)])
     assert run.code == INTERRUPTED
     assert last_line(run) == "fri_wiping: interrupted; torque brought to zero, the client leaves"
@@ -241,7 +241,7 @@ def test_a_session_that_ends_in_mid_motion_says_so(scenario: Scenario, version: 
 
 @versions
 def test_cut_and_incomplete_messages_are_refused_and_counted(scenario: Scenario, version: str) -> None:
-    """One of each kind; messages apart, so that no two are missed in a row."""
+    """Send one message of each bad kind, apart from each other: each is refused and counted."""
     parts = ("monitorData", "connectionInfo", "ipoData")
     cut = [f"truncate@{1.3 + 0.05 * k:.2f}:{field}" for k, field in enumerate(("robotInfo", *parts))]
     left_out = [f"robot.missing@{1.6 + 0.1 * k:.1f}:{field}" for k, field in enumerate(parts)]
@@ -378,7 +378,7 @@ def person(tmp_path: Path) -> Iterator[tuple[Person, Any]]:
 def test_a_long_way_to_the_trajectory_is_asked_about(
     scenario: Scenario, person: tuple[Person, Any], answer: bytes, code: int
 ) -> None:
-    """The arm is held until the answer comes; what was typed before is none."""
+    """Start far from the trajectory: the arm is held until the question is answered; text typed before is no answer."""
     person[0].types(b"y\n")
     run = scenario("2.7", "", *FAR, "--duration", 8, terminal=person[1], at=[(1.8, person[0].answers(answer))])
     assert run.code == code

@@ -301,7 +301,7 @@ def test_dry_run_sends_zero(open_programs: Programs, robot: ModuleType, tmp_path
 
 
 def test_an_arm_led_by_hand_in_a_dry_run_is_not_let_go(one: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    """Ten poses far from the trajectory, as a sensor's calibration asks for; the log has each of them at rest."""
+    """Lead the arm to ten poses far from the trajectory, as a calibration asks for: the log has each at rest."""
     rng, script = np.random.default_rng(4), one.script()
     script.begin()
     poses = [POSTURE, *(POSTURE + rng.uniform(-0.5, 0.5, (10, 7)) * [0.5, 0.5, 0.5, 0.5, 1, 1, 1])]
@@ -357,7 +357,7 @@ def test_trajectory_with_a_column_a_joint_is_the_same(one: Programs, robot: Modu
 
 
 def test_after_the_trajectory_a_long_way_back_is_not_gone(one: Programs, tmp_path: Path) -> None:
-    """The robot's application has moved the arm in between, and commands again."""
+    """Move the arm away between two motions: the client does not go back the long way by itself."""
     short = write_short_trajectory(tmp_path / "short.csv")
     end = np.loadtxt(short, delimiter=",")[-1]
     script = one.script()

@@ -62,7 +62,7 @@ def test_a_log_that_does_not_fit_is_no_success(limit: int | None, one: Programs,
 def test_an_early_end_that_loses_its_record_is_a_fault(
     limit: int | None, summary: str, code: int, one: Programs, tmp_path: Path
 ) -> None:
-    """The robot ends before the trajectory's end: 3, but 1 if log or summary is incomplete."""
+    """End the session early: exit code 3, but 1 if log or summary is incomplete."""
     files = ("--log", tmp_path / "log.csv", "--summary", tmp_path / summary)
     found, _, errors = whole_session(one, tmp_path, *files, limit=limit, steps=100)
     assert (found, errors.count("\n")) == (code, 1)
@@ -108,7 +108,7 @@ def test_an_interrupted_session_that_loses_its_summary_is_a_fault(one: Programs)
 def test_a_refused_start_changes_no_file(
     arguments: tuple[str, ...], wanted: str, one: Programs, tmp_path: Path
 ) -> None:
-    """One line says why; the word "taken" stands for a port that another socket has."""
+    """Refuse the start: one line says why, and no file changes. "taken": a port of another socket."""
     (tmp_path / "trajectory.csv").write_bytes(TRAJECTORY.read_bytes())
     (tmp_path / "link.csv").symlink_to("trajectory.csv")
     (tmp_path / "old.csv").write_text("of yesterday")

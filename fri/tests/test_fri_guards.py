@@ -87,7 +87,9 @@ FIELDS: dict[str, Callable[[Any], object]] = {
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_messages_without_the_robots_states_are_heeded(name: str, one: Programs) -> None:
-    """A safety stop that is not told is none that the client could see; nine such messages end no session."""
+    """Leave the robot's states out: the client lets go, as it could not see a safety stop; nine such messages are
+    borne.
+    """
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 20)
@@ -127,7 +129,7 @@ def test_a_clock_of_half_the_speed_is_let_go_and_named(one: Programs) -> None:
 
 
 def test_a_clock_that_is_set_again_and_again_is_let_go_and_named(one: Programs) -> None:
-    """No difference quotient is to be had: the speed guard would see nothing."""
+    """Set the clock again and again: the client lets go, since no velocity can be computed to guard the speed."""
     script = one.script()
     script.begin()
     for _ in range(600):
@@ -139,7 +141,7 @@ def test_a_clock_that_is_set_again_and_again_is_let_go_and_named(one: Programs) 
 
 
 def test_positions_beyond_a_limit_are_let_go_and_named(one: Programs, robot: Any) -> None:
-    """Every message says that A4 is more than the tolerance of 0.1 rad beyond its limit."""
+    """Say in each message that A4 is more than 0.1 rad beyond its limit: the client lets go and names A4."""
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 800, position=np.where(np.arange(7) == 3, robot.LOWER - 0.11, POSTURE))

@@ -73,7 +73,9 @@ def whole(told: dict[str, Any]) -> bool:
     ],
 )
 def test_the_force_is_held_along_a_wall(pressing: Callable[..., dict[str, Any]], period: int, more: str) -> None:
-    """In the last second, in motion: rms 0.01 N, with friction of 2 % of the effort limits 0.13; impacts 16 to 22 N."""
+    """Press along a wall: in the last second rms 0.01 N, with friction of 2 % of the effort limits 0.13 N; impacts 16
+    to 22 N.
+    """
     told = pressing(f"{period}: 1 {PRESS} {more}")
     print(f"{period} ms {more}: mean {told['mean']:.2f} N, rms {told['rms']:.3f} N, most {told['hardest']:.1f} N")
     assert told["code"] == DONE, told["sentence"]
@@ -95,7 +97,7 @@ LOST = {
 
 @pytest.mark.parametrize("fault", LOST)
 def test_a_sensor_that_lies_ends_the_force(pressing: Callable[..., dict[str, Any]], fault: str) -> None:
-    """The pose goes back, for good: no force in the last second. The trajectory is followed, and the code is 1."""
+    """Let the sensor lie: no force in the last second, the trajectory goes on without it, and the exit code is 1."""
     told = pressing(f"5: 1 {PRESS} {fault}")
     text, most = LOST[fault]
     assert told["code"] == FAULT and told["done"] and text in told["sentence"], told["sentence"]
@@ -156,7 +158,7 @@ def test_what_happens_in_contact(pressing: Callable[..., dict[str, Any]], fault:
 def test_positions_that_stand_still_are_let_go(
     pressing: Callable[..., dict[str, Any]], when: float, joints: int
 ) -> None:
-    """In the approach, in contact and in motion: 0.25 of a velocity limit, 0.1 J, and 25 N at most."""
+    """Freeze the positions in approach, contact and motion: at most a quarter of a velocity limit, 0.1 J and 25 N."""
     told = pressing(f"2: 1 {PRESS} still {when} 99 {joints}")
     assert blames_position(told), told["sentence"]
     assert told["fast"] <= 0.25 and told["kinetic"] <= 0.1 and told["hardest"] <= 25.0 and told["beyond"] <= 0.0
@@ -216,7 +218,7 @@ class Pressed:
 
 @pytest.fixture(scope="module")
 def sweep(plate: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """From 2 cm above the bowl; 2 cm to one side and back."""
+    """Return a sweep from 2 cm above the bowl, 2 cm to one side and back."""
 
     def pose(share: float) -> np.ndarray:
         return plate_pose(2.0 + 0.4 * share, -0.02)[0]
@@ -244,7 +246,7 @@ def wipe(
 
 @pytest.mark.slow
 def test_the_bowl_is_pressed_with_the_force(wipe: Callable[..., Pressed]) -> None:
-    """At rest and along the bowl, whose cells shake the force. Before, q0 is the trajectory's to the last bit."""
+    """Press on the bowl at rest and in motion: the force is held; before contact q0 is the trajectory's, to the bit."""
     held = wipe(7.3)
     assert (held.run.robot.code, held.run.code) == (0, DONE), held.run.error
     for begin, end, rms in ((2.0, 2.9, 0.5), (3.2, 5.8, 2.0)):

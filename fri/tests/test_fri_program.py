@@ -211,7 +211,9 @@ def test_port_in_use_is_refused(one: Programs) -> None:
 
 
 def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, plate_folder: Path, tmp_path: Path) -> None:
-    """Six doubles as the sensor reports them, the tip's wrench in the log; silence makes missed samples."""
+    """Send six doubles per message as the sensor reports them: the log has the tip's wrench; silence makes missed
+    samples.
+    """
     sensor_port = free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()
@@ -246,7 +248,7 @@ def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, plate_folder: Pa
 
 
 def test_a_sensor_takes_a_calibration(one: Programs, plate_folder: Path, tmp_path: Path) -> None:
-    """The client refuses a sensor without a calibration, files that are none, and those of another sensor."""
+    """Start with a sensor and no calibration, a file that is none, or another sensor's: each is refused."""
     text, file = calibration_text(plate_folder), tmp_path / "sensor.json"
     cases = {
         "it takes --calibration FILE": None,
@@ -345,7 +347,7 @@ def test_answers_in_a_burst_do_not_move_the_torque_faster(one: Programs, tmp_pat
 
 
 def test_the_trajectory_never_runs_ahead_of_this_machines_time(programs: Programs, tmp_path: Path) -> None:
-    """A counter that grows faster than messages come, by no more than the controller bears, and no time stamps."""
+    """Let the counter grow faster than messages come, without stamps: the trajectory keeps to this machine's time."""
     short = write_short_trajectory(tmp_path / "short.csv")
     script = programs.script()
     script.begin()
@@ -396,7 +398,7 @@ def test_another_sender_takes_no_part_in_the_session(programs: Programs, tmp_pat
 
 
 def test_nobody_reads_what_it_prints(one: Programs) -> None:
-    """A pipe whose reader is gone ends no session under torque."""
+    """Close the pipe that reads the client's output: a session under torque does not end."""
     script = one.script()
     script.begin()
     script.add_resting(60)
@@ -425,7 +427,9 @@ def test_a_flood_of_what_is_refused_does_not_keep_the_client(one: Programs) -> N
 
 
 def test_after_a_stop_the_newest_alone_is_answered(programs: Programs, tmp_path: Path) -> None:
-    """The client's process stands still while messages come. The torque then moves by two periods' share at most."""
+    """Stop the client's process while messages come: only the newest is answered, and the torque moves by two
+    periods.
+    """
     asked, unanswered, period = 60, 80, 0.005  # messages before the stop and during it; [s]
     newest = asked + unanswered  # number of the last message during the stop, as the first is number 1
     script = programs.script()

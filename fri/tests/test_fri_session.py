@@ -186,7 +186,7 @@ def test_the_demos_figure(session: Callable[..., Run], plate: ModuleType) -> Non
 
 @pytest.mark.wide(instead="test_the_demos_figure")
 def test_the_pages_figure(session: Callable[..., Run], plate: ModuleType) -> None:
-    """The demo's session drawn anew; noise in contact differs from machine to machine by some points of 684."""
+    """Draw the demo's session anew: the page's figure, but for noise in contact, some points of 684."""
     whole = demo.APPROACH + demo.TRAJECTORY_TIME + demo.REST
     run = session("2.7", *LOCKSTEP, "--duration", whole, client=("--approach", demo.APPROACH))
     assert run.client is not None and run.client.summary["trajectory_done"]

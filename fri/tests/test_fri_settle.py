@@ -110,7 +110,9 @@ def test_the_last_line_names_the_joint_also_when_the_robot_stops(resting: Callab
 
 
 def at_rest(programs: Programs, trajectory: Path, error: float, pressed: range = range(0)) -> RobotScript:
-    """The arm goes along the short trajectory, and rests with an error [rad] of each joint and its encoders' noise."""
+    """Return messages of an arm that goes along the short trajectory, and rests with an error [rad] and encoder
+    noise.
+    """
     end = np.loadtxt(trajectory, delimiter=",")[-1]
     script = programs.script()
     for state in (SessionState.MONITORING_READY, SessionState.COMMANDING_WAIT):
@@ -135,7 +137,9 @@ def wipe(programs: Programs, script: RobotScript, folder: Path, trajectory: Path
 def test_the_command_is_the_trajectory_until_the_arm_rests(
     one: Programs, robot: ModuleType, short: Path, tmp_path: Path
 ) -> None:
-    """The log has the moved positions: it replays to the same torque. The motion is as without, to the last bit."""
+    """Replay the log with its moved positions: the same torque; in motion the command is as without Settle, to the
+    bit.
+    """
     script = at_rest(one, short, 0.004)
     limit = ("--error-limit", "0.03")  # of the arm's distance from the trajectory, not from the moved command
     plain, moved = (wipe(one, script, tmp_path, short, *limit, *more).log for more in ((), ("--settle", "20,2")))

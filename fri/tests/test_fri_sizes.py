@@ -56,7 +56,7 @@ def test_a_large_function_is_found() -> None:
 
 
 def test_includes_form_no_circle() -> None:
-    """A header and its source count as one. The options know neither the client nor what makes its wrench."""
+    """Follow the includes, header and source as one: no circle, and the options know neither client nor wrench."""
     client = [file for file in FILES if file.parent == ROOT / "fri" / "client"]
     graph: dict[str, set[str]] = {}
     for file in client:

@@ -65,7 +65,7 @@ SENSOR, TORQUE = "sensor", "external-torque"
 
 @pytest.fixture(scope="module")
 def seeded(once: Once, make_programs: Callable[[str], Programs]) -> Path:
-    """The client with all faults in it, of which the environment's variable SEEDED chooses one."""
+    """Return the client with all faults in it, of which the environment's variable SEEDED chooses one."""
     programs = make_programs("2.7")
 
     def make(folder: Path) -> None:
@@ -95,7 +95,7 @@ def check(
     seeded: Path, session: Callable[..., Run], plate_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> Callable[..., tuple[int, str]]:  # fmt: skip
-    """A session with a hanging weight; exit code and words of ``calibrate --check`` on the client's log."""
+    """Run a session with a hanging weight; return exit code and words of ``calibrate --check`` on its log."""
 
     def run(wrench: str, fault: str = "") -> tuple[int, str]:
         """Record the hanging weight with the seeded client, and return exit code and output of the check."""

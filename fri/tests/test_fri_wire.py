@@ -60,7 +60,7 @@ def test_wrong_build_option_is_refused_with_the_remedy(options: list[str], wante
 
 @pytest.mark.parametrize(("version", "said_by"), [("1.11", "header"), ("1.13", "option"), ("1.9", "option")])
 def test_an_sdk_older_than_the_interface_is_refused(version: str, said_by: str, tmp_path: Path) -> None:
-    """Before 1.14 the SDK lacks what the client calls: CMake says so, not the compiler."""
+    """Configure with an SDK before 1.14, which lacks what the client calls: CMake says so, not the compiler."""
     root = tmp_path / "sdk"
     (root / "include").mkdir(parents=True)
     (root / "lib").mkdir()
@@ -128,7 +128,7 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
 
 
 def repack(datagram: bytes, protocol: Protocol) -> bytes:
-    """The same message with every array of numbers in the other encoding, fields reversed, and an unknown field."""
+    """Return the message with each array of numbers in the other encoding, fields reversed, and an unknown field."""
     message = protocol.decode_monitoring(datagram)
 
     def key(number: int, wire: int) -> bytes:

@@ -30,7 +30,7 @@ def client() -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["115", "205", "207"])
 def test_the_pages_client(client: str, version: str, robot_folder: Path, tmp_path: Path) -> None:
-    """It waits with torque and position, holds the arm against a push, follows it, and sends no NaN."""
+    """Compile and run the page's client: it waits with torque and position, yields to a push, and sends no NaN."""
     source = tmp_path / "client.cpp"
     source.write_text(client + SESSION)
     objects = []

@@ -33,7 +33,7 @@ def panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_package_is_the_robots_own(panda: Path) -> None:
-    """No name of the repository's robot is left, nor the generator's licence; the launch file has the arm's joints."""
+    """Make a package of another robot: no name of the repository's robot is left, nor the generator's licence."""
     assert (panda / "urdf" / "panda.LICENSE").read_text() == PANDA.with_name("panda.LICENSE").read_text()
     own = [path for path in panda.rglob("*") if path.is_file() and not {"generated", "urdf"} & set(path.parts)]
     for file in (*own, panda / "urdf" / "panda.urdf"):
@@ -73,7 +73,7 @@ def test_the_scenarios_of_another_robot(panda: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_template_is_expanded_and_keeps_its_licence(tmp_path: Path) -> None:
-    """The launch file needs no xacro and no package of the maker; licences go with the copies."""
+    """Make a package of a template: the launch file needs no xacro, and licences go with the copies."""
     maker = tmp_path / "maker_description"
     (maker / "robots").mkdir(parents=True)
     (maker / "package.xml").write_text("<package><name>maker_description</name><license>Apache-2.0</license></package>")

@@ -112,7 +112,7 @@ def launch_file(path: Path) -> ModuleType:
 
 
 def test_the_launch_file_describes_the_mock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The description has an effort interface per joint; the nodes are those of the package's dependencies."""
+    """Read the launch file: an effort interface per joint, and only nodes of the package's dependencies."""
     launch = launch_file(PACKAGE / "launch" / "mock.launch.py")
     urdf = ROS2.parent / "urdf" / "iiwa14.urdf"
     robot = ElementTree.fromstring(launch.description(urdf))

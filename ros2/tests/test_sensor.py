@@ -27,7 +27,7 @@ SCENARIOS = (
 
 @pytest.mark.slow
 def test_scenarios_of_a_sensor(tmp_path: Path) -> None:
-    """The sensor is turned, and 0.1 m from the tip: the push, the bias and the tool's weight are told apart."""
+    """Turn the sensor and move it 0.1 m from the tip: push, bias and the tool's weight are told apart."""
     sensor = stiffgen.Sensor("link_7", xyz=(0.0, 0.02, -0.1), rpy=(0.3, 0.2, 0.1), sign="robot")
     urdf = ROS2.parent / "urdf" / "iiwa14.urdf"
     robot = stiffgen.generate(urdf, name="felt", output=tmp_path / "generated", build=False, sensor=sensor)

@@ -149,7 +149,7 @@ def mutate(rng: np.random.Generator, schedule: Schedule) -> Schedule:
 
 
 def measures(schedule: Schedule, told: Mapping[str, Any]) -> dict[str, float]:
-    """By name, what the client came to as a share of what it may; None of them may be beyond 1."""
+    """Return by name what the client came to as a share of what it may; none may be beyond 1."""
     kinds = schedule.kinds
     result = {
         "torque over limit": told["over_limit"],

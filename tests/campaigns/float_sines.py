@@ -33,7 +33,7 @@ _PART = 1 << 24
 
 
 def largest(parts: list[Worst]) -> Worst:
-    """Of sine and of cosine."""
+    """Return the largest errors of sine and cosine over all parts."""
     units, ulps, at = [], [], []
     for function in range(2):
         worst = max(parts, key=lambda part: part.units[function])

@@ -64,7 +64,7 @@ def listed(results):
 
 
 def assert_transposed(case, gradients):
-    """The Jacobian-vector product is the transpose of the vector-Jacobian product."""
+    """Fail unless the Jacobian-vector product is the transpose of the vector-Jacobian product."""
     tangents = [np.random.default_rng(3).normal(size=np.shape(each)) for each in case.arguments]
     _, changes = jax.jvp(case.function, tuple(case.arguments), tuple(tangents))
     forward = sum((c * change).sum() for c, change in zip(case.cotangents, listed(changes), strict=True))
@@ -88,7 +88,7 @@ def test_gradients_have_values_and_no_derivatives(robot, request, double):
 
 @pytest.mark.parametrize(("robot", "step"), [("small", 1), pytest.param("walker", 3, marks=pytest.mark.wide)])
 def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
-    """Every function (of the walker every third): a stack, one configuration, vmap over all or the first argument."""
+    """Compare each function (of the walker each third) with NumPy: a stack, one state, vmap over all or one."""
     robot = request.getfixturevalue(robot)
     for number, case in enumerate(list(cases(robot, wrapper(robot, "jax"), COUNT))[::step]):
         close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
@@ -130,7 +130,7 @@ def test_gradients_are_differences(small, arm):
 
 @pytest.mark.wide(instead="test_gradients_are_differences")
 def test_gradients_through_the_bases_pose(walker, double):
-    """A pose that stays a pose, however it is made: against JAX's own differences; stiffnesses of both tips."""
+    """Differentiate through a base pose that stays a pose: JAX's own differences, for stiffnesses of both tips."""
     random = np.random.default_rng(5)
     functions, n = wrapper(walker, "jax"), len(walker.chain.coordinates)
     x, q, equilibria = random.normal(size=(3, 6)), random.uniform(-1, 1, n), np.stack(2 * [np.eye(4)])
@@ -195,7 +195,7 @@ def test_errors_name_the_thing(small):
 
 
 def test_numpy_users_load_neither(small):
-    """The package alone brings neither framework, and a folder whose calls are not compiled says so."""
+    """Import the package alone: no framework is loaded; without compiled calls the import says what to do."""
     program = f"""
 import sys
 sys.path.insert(0, {str(small.folder.parent)!r})
@@ -206,7 +206,7 @@ assert not {{"jax", "jaxlib", "torch"}} & set(sys.modules)
 
 
 def test_forward_mode_is_the_derivative(small, arm):
-    """All of the Jacobian at once, under jit and vmap, against differences; second derivatives are refused."""
+    """Compute the Jacobian in forward mode under jit and vmap: its differences; second derivatives are refused."""
     n = small.chain.dof
     q, wrench, stiffness = np.linspace(-1, 1, 2 * n).reshape(2, n), np.arange(1.0, 7), np.diag([700.0] * 3 + [30] * 3)
 
@@ -231,7 +231,7 @@ def test_a_gradient_runs_the_product_alone(small, arm):
 
 
 def test_calls_are_compiled_when_they_are_missing(small, tmp_path, monkeypatch):
-    """As where jax was installed after the folder was generated; without a compiler the import says what to do."""
+    """Take the compiled calls away, as if JAX came later: they are compiled, or the import says what to do."""
     folder = tmp_path / "arm"
     shutil.copytree(small.folder, folder, ignore=shutil.ignore_patterns("arm_jax.*o", "arm_jax.pyd"))
     with monkeypatch.context() as patched:
@@ -259,7 +259,7 @@ def test_a_second_copy_in_the_process(small, arm, tmp_path):
 
 @pytest.mark.wide(instead="test_a_second_copy_in_the_process")
 def test_two_robots_of_one_name_in_the_process(small, arm, tmp_path):
-    """Each calls its own functions."""
+    """Load two robots of one name: each calls its own functions."""
     other = small_robot(tmp_path, "rp")
     second = wrapper(other, "jax")
     for robot, module in ((small, arm), (other, second), (small, arm)):

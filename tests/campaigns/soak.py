@@ -54,7 +54,7 @@ def was_eventful(said: str) -> bool:
 
 
 def worst_residual(count: int, folder: Path) -> float:
-    """Of eigenproblems of the C runtime with seven joints, |A V - V l| over |A|."""
+    """Return the largest |A V - V l| / |A| of the C eigensolver, over `count` matrices of seven joints."""
     from support.controller_library import Matrices, residual, spectra
 
     matrices, worst = Matrices(folder, 7), 0.0

@@ -65,7 +65,7 @@ class Orbit:
         )
 
     def work_by_gauss(self, law: Law, points: int, pieces: int = 8) -> float:
-        """By Gauss's rule of order 2 points on pieces of equal length [J]."""
+        """Return the work [J] by Gauss's rule of order 2 points on pieces of equal length."""
         nodes, weights = np.polynomial.legendre.leggauss(points)
         half = np.pi / pieces
         total = 0.0

@@ -15,7 +15,7 @@ from support.project import ROOT, Once
 
 @pytest.mark.parametrize("pattern", [*patterns.PATTERNS, schedules.schedule], ids=lambda pattern: pattern.__name__)
 def test_energy_of_schedules(loop: Loop, pattern: object) -> None:
-    """Each pattern of the schedules, and random ones; the fault cycle is `laps` (before: 50 J a lap)."""
+    """Run each pattern of schedules, and random ones: no energy beyond the bound (before: 50 J a lap in `laps`)."""
     for seed in range(25):
         chosen = pattern(np.random.default_rng(seed), loop)  # type: ignore[operator]
         got = energy.measure(loop, chosen)
@@ -44,7 +44,7 @@ def test_energy_of_joints_without_limits(turning: Loop, pattern: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hands", "pair", "five_bar"])
 def test_energy_of_other_kinds(once: Once, name: str) -> None:
-    """Two tips with tools that change at a start anew, with springs between them; closed loops in motor coordinates."""
+    """Run schedules of two tips with changing tools, of pairs, and of closed loops: no energy beyond the bound."""
     loop, supplied = energy.loop_of(once, name), 0.0
     for seed in range(25):
         random = np.random.default_rng(seed)

@@ -332,7 +332,7 @@ def test_a_folder_of_another_urdf_needs_the_urdf(tmp_path, failures, unoptimised
 
 
 def test_digests(robot_folder, tmp_path):
-    """A comment more, a file less."""
+    """Add a comment, remove a file: `verify` must see either by its digest."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     (folder / "iiwa14.h").write_text((folder / "iiwa14.h").read_text() + "/* mine */\n")

@@ -309,7 +309,7 @@ def turned_states(library, chain, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS[1:])
 def test_no_sign_in_the_other_springs_can_be_wrong(kind, chain, tmp_path):
-    """Every sign of the bodies of the springs that are not the default one, single calls, against 60 digits."""
+    """Flip each sign in the springs beside the default one: a result must differ from its 60 digits."""
     texts = merged(render(chain, "robot", GenerationOptions(springs=(kind,))), "robot")
     group = spring_of_kind(kind).name
     bodies = {f"robot_{group}_{name}": name for name in SPRING_KERNELS}

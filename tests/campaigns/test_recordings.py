@@ -91,7 +91,7 @@ def test_payload_and_asymmetry_are_those_put_in(arm: ModuleType, folder: Path) -
 
 
 def test_work_of_a_lap_is_that_of_its_area(arm: ModuleType) -> None:
-    """A small circle of two joints: 2 pi r^2 A_ij."""
+    """Go round a small circle of two joints: the work is 2 pi r^2 A_ij."""
     q, angle, radius = NEAR, np.linspace(0.0, 2.0 * np.pi, 400), 1e-3
     wrench = np.array([0.0, 0.0, 0.0, 2.0, -4.0, 1.0])
     path = np.tile(q, (len(angle), 1))

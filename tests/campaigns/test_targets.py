@@ -71,7 +71,7 @@ def test_golden_values_of_floats(name, floats, chain, tmp_path):
     "name", some(["Cortex-M7, FPU for float", "aarch64", "x86-64 clang"], "Cortex-M7, FPU for float")
 )
 def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
-    """Nothing is software on an FPU of single precision, where doubles take ten to forty times as many."""
+    """Count instructions on a single-precision FPU: constant for floats; doubles take ten to forty times as many."""
     machine = tools(BY_NAME[name])
     kernels = chain_kernels(chain)
     found = counts(machine, built(machine, floats, chain, [], tmp_path, kernels, 160, FLOAT), tmp_path)
@@ -189,7 +189,7 @@ def test_the_page_states_memory_and_stack_of_a_cortex_m7(robot_folder, tmp_path)
 
 
 def test_the_campaign_makes_the_pages_numbers():
-    """Each row of the page's tables is one that the campaign prints; filling replaces cells of its machines alone."""
+    """Compare the page's rows with the campaign's; filling replaces only the cells of its machines."""
     footprints = [Footprint(1, 2, 3, 4, 5000, 6, {"impedance_init": 8, "impedance_self_check": 9})]
     made = size_rows(footprints)
     page = (ROOT / "docs" / "guarantees.md").read_text()
@@ -201,7 +201,7 @@ def test_the_campaign_makes_the_pages_numbers():
 
 
 def test_the_deepest_path_of_calls_is_found(tmp_path):
-    """Three functions, two of them on the deepest path; a recursion has no bound."""
+    """Find the deepest stack of three functions, two of them on its path; a recursion has no bound."""
     graph = CallGraph()
     frame = 'node: {{ title: "{0}" label: "{0}\\nx.c:1:2\\n{1} bytes (static)" }}\n'
     call = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "x.c:1:2" }}\n'

@@ -20,7 +20,7 @@ def test_a_name_is_that_of_the_table() -> None:
 
 @pytest.mark.slow
 def test_a_file_takes_the_place_of_a_download(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A file wins over the table's source; its folder is where the wheel's builder looks."""
+    """Give a file instead of the table's source: it is used, and its folder is where the builder looks."""
     file = ROOT / "tests" / "data" / "scara.urdf"
     assert wheels.robot(f"ur5e={file},tool0") == ("ur5e", (str(file), "--tip", "tool0"))
     own = wheels.robot(f"ur5e={file}")

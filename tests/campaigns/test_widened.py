@@ -55,7 +55,7 @@ def total(found: list[tuple[schedules.Schedule, energy.Measured]], name: str) ->
 
 
 def test_a_deficit_counts_for_more_than_any_excess(loop: Loop, robot: ModuleType) -> None:
-    """An arm that is carried along while calls come ten times too late, against assumption (b)."""
+    """Carry the arm along while calls come ten times too late, against assumption (b): the deficit ranks first."""
     assert energy.TANK_DEFICIT == robot.Status.TANK_DEFICIT
     spoilt = patterns.carried(np.random.default_rng(150), loop)
     assert not energy.measure(loop, spoilt).deficit
@@ -82,7 +82,7 @@ def test_each_draw_reaches_its_situation(loop: Loop) -> None:
 
 
 def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
-    """A segment that another one with the same start replaces restarts nothing; the delay that is declared stays."""
+    """Replace a segment by one with the same start: nothing restarts, and the declared delay stays."""
     replaced: list[dict[str, Any]] = [
         {"wanted": loop.home},
         {"start": 5, "restart": 1, "delay": 0},
@@ -98,7 +98,7 @@ def test_a_delay_changes_only_where_the_controller_restarts(loop: Loop) -> None:
 
 @pytest.mark.slow
 def test_energy_of_two_tips_with_tools(hands: Loop) -> None:
-    """A restart takes other tools."""
+    """Restart with other tools of two tips: no energy beyond the bound."""
     assert (hands.tips, hands.tools) == (2, True)
     np.testing.assert_allclose(hands.jacobian(hands.home)[:3], tip_by_differences(hands), atol=1e-8)
     found = drawn(hands, 44)

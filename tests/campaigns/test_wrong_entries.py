@@ -94,7 +94,9 @@ def failures(checks):
 @pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.wide)])
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_no_entry_can_be_wrong_unnoticed(rep, every, chain, robot, references):
-    """Each entry, or every eleventh: neither 6 nor 7 divides eleven, so that all rows, columns and joints occur."""
+    """Spoil each entry, or each eleventh (prime to 6 and 7, so that all rows, columns and joints occur): verify sees
+    it.
+    """
     kernels = {name: memoised(function) for name, function in kernels_of(robot, chain).items()}
     assert failures(check_kernels(kernels, references)) == set()
     n, missed, blind = chain.dof, [], 0

@@ -42,7 +42,7 @@ def assert_close(found, expected, path):
 
 @pytest.mark.parametrize("robot", ["small", "walker"])
 def test_values_and_gradients_are_those_of_numpy(robot, request):
-    """Every function: a stack, vmap over all, and vmap over the first argument alone."""
+    """Compare each function with NumPy: a stack, vmap over all, and vmap over the first argument alone."""
     robot = request.getfixturevalue(robot)
     for case in cases(robot, wrapper(robot, "torch"), COUNT):
         given = [torch.tensor(each, requires_grad=True) for each in case.arguments]
@@ -63,7 +63,7 @@ def test_values_and_gradients_are_those_of_numpy(robot, request):
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:FutureWarning")
 def test_forward_mode_is_the_transpose_of_reverse_mode(small, arm):
-    """With vmap, for functions of one and of several results; second derivatives are refused."""
+    """Compare forward with reverse mode under vmap, for one and several results; second derivatives are refused."""
     q = torch.linspace(-1, 1, 2 * small.chain.dof, dtype=torch.float64).reshape(2, -1)
     eye = torch.eye(6, dtype=torch.float64)
     pose, three = torch.eye(4, dtype=torch.float64), eye[:3, :3]
@@ -108,7 +108,7 @@ def test_gradcheck(small, arm):
 
 
 def test_gradients_through_the_bases_pose(walker):
-    """A pose that stays a pose, however it is made: against PyTorch's differences."""
+    """Differentiate through a base pose that stays a pose: PyTorch's differences."""
     functions, n = wrapper(walker, "torch"), len(walker.chain.coordinates)
     random = torch.Generator().manual_seed(2)
     x = torch.randn((3, 6), generator=random, dtype=torch.float64, requires_grad=True)
@@ -142,7 +142,7 @@ def test_gradient_of_shared_arguments_is_summed(small, arm):
 
 
 def test_memory_is_shared(small, arm, monkeypatch):
-    """The compiled function gets the tensors' own memory and writes into the results'."""
+    """Call with tensors: the compiled function reads their own memory and writes into the results'."""
     seen = []
     compiled = arm._c.hybrid_joint_stiffness
 

@@ -74,7 +74,7 @@ def test_the_refusal_has_the_number_and_the_remedy(name: str, tmp_path: Path) ->
 @pytest.mark.parametrize("accepted", ["l2", "all"])
 @pytest.mark.parametrize("tensor", [TRIANGLE, LINE, NEGATIVE])
 def test_an_accepted_inertia_is_used_as_it_is(tensor: tuple[float, ...], accepted: str, tmp_path: Path) -> None:
-    """The mass matrix stays positive definite: the arm has other masses."""
+    """Accept an inertia with which the mass matrix stays positive definite: it is used as it is."""
     file = written(tmp_path, arm((SOUND, tensor, SOUND)))
     with pytest.warns(InertiaWarning, match=r"link 'l2': its .* kg m\^2.*; used as it is"):
         chain = load_chain(file, accept_inertia=[accepted])
@@ -110,7 +110,7 @@ RANGES = {"from -178 deg": "-3.1 3.1", "from zero": "0.0 3.1", "without limits":
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.InertiaWarning")
 @pytest.mark.parametrize("name", RANGES)
 def test_the_mass_matrix_is_checked_over_the_joint_range(name: str, tmp_path: Path) -> None:
-    """A link turns about its own axis: its negative moment counts a quarter turn from zero and from both ends alone."""
+    """Let a negative moment count only a quarter turn from zero and from both ends: the check finds it."""
     text = arm(((0.02, 0.0, 0.0, 0.02, 0.0, 0.02), (0.03, 0.0, 0.0, -0.05, 0.0, 0.03)))
     text = text.replace('<origin xyz="0.1 0.02 0.05" rpy="0.3 0.2 0.1"/>', "").replace("0.2 0 0.1", "0 0 0.1")
     text = text.replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
@@ -127,7 +127,10 @@ def test_the_mass_matrix_is_checked_over_the_joint_range(name: str, tmp_path: Pa
 
 @pytest.mark.parametrize("tensor", [TRIANGLE, LINE, NEGATIVE, LARGE])
 def test_no_possible_tensor_is_nearer(tensor: tuple[float, ...]) -> None:
-    """A tensor is possible where its second moments, half its trace minus it, are positive semidefinite."""
+    """Compare the nearest possible tensor with others: none is nearer.
+
+    Possible: second moments positive semidefinite.
+    """
 
     def second(matrix: np.ndarray) -> np.ndarray:
         return np.asarray(np.eye(3) * np.trace(matrix) / 2 - matrix)

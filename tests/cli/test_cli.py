@@ -127,7 +127,7 @@ def test_verify(capsys, robot_folder):
 @pytest.mark.wide(instead="test_verify")
 @pytest.mark.usefixtures("unoptimised", "narrowest_width")
 def test_verify_fails_on_a_wrong_kernel(capsys, robot_folder, tmp_path):
-    """One sign in the compiled C, then the real command."""
+    """Turn one sign in the compiled C: the real command fails."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(robot_folder, folder)
     source = (folder / "iiwa14.c").read_text()
@@ -333,7 +333,7 @@ def test_a_full_disk(capsys, tmp_path, monkeypatch):
     ("semi;colon", "new\nline", "back\\slash", "sp ace $HOME", '(paren) "quote" #')),
 ])  # fmt: skip
 def test_any_character_in_the_output_folder(tmp_path, name):
-    """The whole build goes through; the compiler and Python get the path as it is."""
+    """Build in a folder with unusual characters: compiler and Python get the path as it is."""
     robot = tmp_path / "one.urdf"
     robot.write_text(
         '<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
@@ -373,7 +373,7 @@ def test_the_keywords_of_python_are_the_fields_of_the_records():
 
 
 def test_commands_and_options_stay_few():
-    """At most ten commands, 30 options of ``generate`` and 91 of all commands; each option has a heading there."""
+    """Count commands (10), options of ``generate`` (30) and of all (91): no more, each under a heading."""
     counts, titles = {}, []
     for name, (module, _) in COMMANDS.items():
         if is_there(module):

@@ -94,7 +94,7 @@ def test_the_range_is_where_every_joint_is_within_its_limits(name: str, masses: 
 @pytest.mark.parametrize("multiplier", [2, -0.5])
 @pytest.mark.parametrize("name", ["acceleration", "deceleration", "jerk"])
 def test_derivatives_of_the_rate_are_those_of_both_joints(name: str, multiplier: float, tmp_path: Path) -> None:
-    """At the bound of the coordinate the slower of the two joints is at its own limit; an infinite one is none."""
+    """Compare accelerations at the bound: the slower of two joints is at its own limit; an infinite one is none."""
     for own, follower, expected in ((9, 4, min(9, 4 / abs(multiplier))), (9, "inf", 9), (1, 40, 1)):
         limits = [f'{LIMIT.format(-1, 1, 5, 90)} {name}="{each}"' for each in (own, follower)]
         text = lift([(limits[1], f'joint="x" multiplier="{multiplier}" offset="0"')], limits[0])
@@ -148,7 +148,9 @@ def excluded(name: str, folder: Path) -> Path:
 
 @pytest.mark.parametrize("name", EXCLUDED)
 def test_limits_that_exclude_each_other_leave_the_coordinate_its_own(name: str, tmp_path: Path) -> None:
-    """The warning names joints, numbers and remedy. Velocity and effort limits, of which the least exists, count."""
+    """Give limits that exclude each other: a warning with joints, numbers and remedy; velocity and effort still
+    count.
+    """
     followers, words, others = EXCLUDED[name]
     with pytest.warns(LimitWarning) as warned:
         chain = load_chain(excluded(name, tmp_path), tip="l1")
@@ -239,7 +241,7 @@ FINGERS = {  # joint c, its relation to a, and what inspect says
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FINGERS)
 def test_followers_of_an_mjcf_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """MuJoCo's own relation: q_b - ref_b = 0.05 - 0.7 (q_a - ref_a), with the ranges that its model states."""
+    """Compare a follower's range with MuJoCo's relation, q_b - ref_b = 0.05 - 0.7 (q_a - ref_a)."""
     joint_c, relation, words = FINGERS[name]
     text = HAND.format(joint_c, relation)
     (tmp_path / "hand.xml").write_text(text)

@@ -25,7 +25,7 @@ TIME = r"\d+ (seconds|minutes)|a minute"
 def test_verify_prints_progress_then_the_summary_then_each_comparison(
     robot_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A failure is named before the table, in which it may be the last of hundreds of lines."""
+    """Verify a faulty folder: the failure is named before the table of hundreds of lines."""
 
     def verified(folder: Path, *, progress: Callable[[str], None], **_: object) -> list[Check]:
         progress("comparing kernel number 3")
@@ -67,7 +67,7 @@ def test_long_commands_name_their_usual_time(capsys: pytest.CaptureFixture[str])
 
 
 def test_both_experiments_have_a_bar_of_progress() -> None:
-    """Both programs of make experiment run through examples/experiments/command.py, whose bar has the time left."""
+    """Look for the command that shows the time left in both programs of make experiment."""
     recipe = re.search(r"(?m)^experiment:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text())
     assert recipe is not None
     programs = re.findall(r"-m examples\.(\w+)", recipe[1])
@@ -99,7 +99,7 @@ def test_arguments_of_analyze_in_any_order(parts: tuple[list[str], ...], monkeyp
 
 
 def test_the_page_of_analyze_has_the_stiffness_over_time_in_few_lines() -> None:
-    """The heading's number of lines computes K_q(t) and plots it; the page's code runs in tests/house."""
+    """Count the lines of the page's code for K_q(t): as few as its heading says."""
     page = (ROOT / "docs" / "analyze.md").read_text()
     match = re.search(r"## The same in four lines of NumPy\n.*?```python\n(.*?)```", page, re.DOTALL)
     assert match is not None

@@ -63,7 +63,7 @@ def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
     ],
 )
 def test_nothing_is_said_without_a_reason(command, removed, tmp_path, monkeypatch, capsys) -> None:
-    """All limits are there, or no controller that needs them."""
+    """State all limits, or leave the controller out: nothing is said."""
     arm(tmp_path, **removed)
     monkeypatch.chdir(tmp_path)
     assert main(command) == 0

@@ -48,7 +48,7 @@ def ended_by() -> Iterator[EndedBy]:
 def test_a_signal_while_a_folder_is_made_leaves_nothing(
     what: str, number: signal.Signals, ended_by: EndedBy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It comes between the making of a folder, or file, and the block that removes it."""
+    """Send a signal between the making of a folder or file and the block that removes it: nothing is left."""
 
     def interrupted(make: Callable[..., Any]) -> Callable[..., Any]:
         def call(**given: Any) -> Any:
@@ -82,7 +82,7 @@ def test_a_signal_while_a_folder_is_made_leaves_nothing(
 def test_a_signal_while_a_program_starts_leaves_none_running(
     what: str, number: signal.Signals, ended_by: EndedBy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It comes when the program runs already and the function that starts it has not returned yet."""
+    """Send a signal while a program starts, before its function has returned: none is left running."""
     started: list[subprocess.Popen[Any]] = []
     command = ["sleep", "600"]
     run: dict[str, Callable[[], object]] = {

@@ -21,7 +21,7 @@ from support.project import ROOT
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_a_file_is_generated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    """The file is compared with the chain by ``verify``; the second command finds the folder of the first."""
+    """Generate a file twice: the second command finds the folder of the first; verify compares the file."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(chain_urdf("rr"))

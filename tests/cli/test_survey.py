@@ -51,7 +51,7 @@ FRAMES = {
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_named_frames_come_before_leaves(described, tmp_path, frame):
-    """The hand carries two fingers, which are the leaves; frames are told by their last word."""
+    """Survey a hand with two fingers: frames that are named as tips come before the leaves."""
     other = (
         '<link name="thumb"/><joint name="t" type="fixed"><parent link="hand"/><child link="thumb"/></joint></robot>'
     )
@@ -77,7 +77,7 @@ def test_a_planar_base_is_left_out(described):
 
 
 def test_a_base_that_floats(described):
-    """As it is generated; not with --base, and not where something moves before it."""
+    """Survey a robot with a floating joint: the base floats, except with --base or where something moves before it."""
     text = replaced(("</robot>", FREE.format("floating")))
     survey = survey_tip(described(text), "finger")
     assert (survey.base, len(survey.coordinates), survey.floating, survey.left_out) == ("base", 3, True, ())
@@ -106,7 +106,7 @@ def test_mimic_joints_are_no_coordinates(described):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_names_are_whole_in_a_narrow_terminal(width, described, tmp_path, monkeypatch, capsys):
-    """A name is typed again behind --tip: none is cut off, and none is broken over two lines."""
+    """Print long names in a narrow terminal: none is cut or broken, as it is typed again behind --tip."""
     long = "left/end_effector_link_of_the_gripper[0]"
     text = replaced(('joint name="elbow"', f'joint name="{long}_joint"')).replace('"hand"', f'"{long}"')
     described(text.replace('"lower"', '"right/forearm_roll_link_with_a_name"'))

@@ -28,7 +28,7 @@ bowl.parameters = {"stiffness": (), "centre": (3,), "axes": (3, 2)}
 
 @pytest.fixture
 def folder(tmp_path: Path, unoptimised) -> Path:
-    """A compiled folder whose manifest holds the source of a program, which makes the file ``escaped``."""
+    """Return a compiled folder whose manifest holds the source of a program that makes the file ``escaped``."""
     (tmp_path / "arm.urdf").write_text(chain_urdf("rr"))
     (tmp_path / "bowl.py").write_text(BOWL)
     words = ["--potential", f"{tmp_path / 'bowl.py'}:bowl", "--no-controller", "--no-masses", "--name", "arm"]

@@ -165,7 +165,7 @@ def test_commissioning_limits_leave_the_arm_able_to_run(loop: Loop, delay: int, 
 
 
 def test_a_reset_forgets_what_was_missed(loop: Loop) -> None:
-    """After a fault for missed samples and a reset, two missed ones are no fault again: the count begins anew."""
+    """Reset after a fault for missed samples: two more missed ones are no fault, as the count begins anew."""
     lost: dict[str, Any] = {"start": 500, "missed": 1}
     parts = loop.segments(
         {}, lost, {"start": 520, "missed": 0}, {"start": 530, "reset": 1}, {"start": 534, "missed": 1},

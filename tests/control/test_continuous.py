@@ -50,7 +50,7 @@ def spin(robot: ModuleType, shown: Any, commanded: Any, steps: int = 3000, **con
 
 @pytest.mark.slow
 def test_a_wrapped_encoder_gives_the_torque_of_one_that_counts(turning: ModuleType) -> None:
-    """A jump of a turn was a sensor fault before, 40 ms after the start of the motion."""
+    """Wrap the encoder of a turning joint: the torque of one that counts. Before, a jump of a turn was a fault."""
     counted = spin(turning, lambda q: q, lambda q0, k: q0)
     outs = spin(turning, wrapped, lambda q0, k: wrapped(q0))
     assert abs(counted[-1].position[[0, 2]] - START[[0, 2]]).min() > TURN
@@ -81,7 +81,7 @@ def test_a_command_a_turn_away_is_the_same_command(turning: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> None:
-    """A torque moves a joint by more than half a turn while no sample comes: the shorter way would be work back."""
+    """Lose samples while a joint moves by more than half a turn: the energy counts the worst way, not the shorter."""
     held = {"missed_limit": 100, "tank_initial": 300.0, "velocity_limit": 60.0, "position_quantum": 2e-6}
     controller = turning.Impedance(**STATED, call_gap_limit=1, **held)
     for k in range(300):

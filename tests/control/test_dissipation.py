@@ -55,7 +55,7 @@ WIRINGS = {f"flip {k}": flip(k) for k in (1, 2, 3, 5)} | {f"swap {k}": swap(k) f
 @pytest.mark.parametrize("fields", [{}, {"velocity_noise": 0.02}], ids=["", "noise"])
 @pytest.mark.parametrize("name", WIRINGS)
 def test_an_arm_that_damping_drives_gets_no_torque(robot: ModuleType, name: str, fields: dict[str, Any]) -> None:
-    """Before: the torque went to full effort, and stayed: 5534 J put out (joint 2 flipped)."""
+    """Flip the sign of a joint, so that damping drives it: no torque. Before: full effort, 5534 J (joint 2)."""
     peak, late, out = hang_on(robot, WIRINGS[name], fields=fields)
     assert out.fault == robot.Fault.DISSIPATION
     assert peak < 30.0 and late == 0.0
@@ -96,7 +96,7 @@ def test_a_bump_is_braked(robot: ModuleType, joint: int, share: float, rise: int
 
 
 def test_a_reset_ends_the_fault(robot: ModuleType) -> None:
-    """The arm rests, and its signs are right again: it takes springs and torque back."""
+    """Reset once the arm rests and its signs are right: springs and torque come back."""
     controller, q = robot.Impedance(**STATED, position_quantum=2e-6), Q.copy()
     for k in range(400):
         dq = 1.8 * np.clip(min(k - 50, 150 - k) / 40, 0, 1) * robot.VELOCITY * np.eye(7)[4]

@@ -15,7 +15,7 @@ START = np.array([0.3, 0.6, -0.4, -1.3, 0.2, 0.9, -0.5])
 
 
 def test_found_postures_have_the_tip_at_the_pose(robot: ModuleType) -> None:
-    """Of 60 random poses far from the start all are found, within 1e-5 by Pinocchio's kinematics, inside the bounds."""
+    """Search 60 random poses far from the start: all found, within 1e-5 by Pinocchio, inside the bounds."""
     arm, random = PinocchioChain((ROOT / "urdf" / "iiwa14.urdf").read_bytes(), "link_ee"), np.random.default_rng(1)
     low, high = robot.LOWER + 0.1, robot.UPPER - 0.1
     for _ in range(60):

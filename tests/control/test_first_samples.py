@@ -45,7 +45,7 @@ def test_an_absurd_first_position_is_not_believed(robot: ModuleType, absurd: int
 
 
 def test_an_arm_that_is_led_back_is_kept_inside_again(robot: ModuleType) -> None:
-    """After a start beyond a limit the fault stays until a reset inside; then the limit zone is back."""
+    """Start beyond a limit: the fault stays until a reset inside; then the limit zone is back."""
     controller = robot.Impedance(**STILL)
     q, k = Q.copy(), 0
     q[3] = robot.LOWER[3] - 0.15
@@ -67,7 +67,7 @@ def test_an_arm_that_is_led_back_is_kept_inside_again(robot: ModuleType) -> None
 
 @pytest.mark.parametrize("signal", ["q", "dq"])
 def test_one_bad_sample_at_rest_is_no_fault(robot: ModuleType, signal: str) -> None:
-    """Before, the records of the bad sample made the next good one FROZEN."""
+    """Pass one bad sample at rest: no fault. Before, its records made the next good one FROZEN."""
     controller = robot.Impedance(**STATED)
     for k in range(300):
         glitch = 3.0 * np.eye(N)[2] * (k == 200)
@@ -79,7 +79,7 @@ def test_one_bad_sample_at_rest_is_no_fault(robot: ModuleType, signal: str) -> N
 
 
 def test_a_reset_after_a_jump_is_granted(robot: ModuleType) -> None:
-    """Before, the watches kept what led to the fault, and FROZEN came at once, for ever."""
+    """Reset after a jump: granted. Before, the watches kept what led to the fault, and FROZEN came at once."""
     controller = robot.Impedance(**STATED)
     for k in range(500):
         q = Q + 3.0 * np.eye(N)[2] * (k in (200, 201))
@@ -93,7 +93,7 @@ def test_a_reset_after_a_jump_is_granted(robot: ModuleType) -> None:
 
 @pytest.mark.parametrize("joint", [1, 3, 5])
 def test_an_encoder_that_jumps_by_a_turn_does_not_drive(loop: Loop, joint: int) -> None:
-    """Before: the arm was driven to several times its velocity limit, 0.4 s after the jump."""
+    """Let an encoder jump by a turn: the arm is not driven. Before: several times its velocity limit after 0.4 s."""
     offset: Any = np.eye(N)[joint] * TURN
     parts = loop.segments({"wanted": Q0}, {"start": 200, "q_offset": offset})
     summary = loop.run(3000, parts, configs=loop.config())

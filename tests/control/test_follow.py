@@ -76,7 +76,7 @@ def test_the_tip_goes_straight_and_stops_without_overshoot(robot: ModuleType) ->
 
 
 def test_joints_at_their_limits_cause_no_overshoot(robot: ModuleType) -> None:
-    """A rotation that lags does not drive the tip on. Before, each part had the other's ramp: 11 mm beyond."""
+    """Hold joints at their limits: a rotation that lags does not drive the tip on. Before: 11 mm beyond."""
     follow, start = robot.Follow(Q, sample_time=1e-3), robot.forward_kinematics(Q)
     way = np.array([0.1, 0.12, -0.09])
     q, _ = follow.run(pose=held(moved(start, way, 0.4), 2.5))
@@ -103,7 +103,7 @@ def test_velocities_and_accelerations_of_joints_are_bounded(robot: ModuleType) -
 
 
 def test_a_moving_pose_is_followed_without_lag(robot: ModuleType) -> None:
-    """A sine of 5 cm at 1 Hz, a pose per millisecond: within 0.1 mm; as new poses each 4 ms within 2 mm."""
+    """Follow a sine of 5 cm at 1 Hz: within 0.1 mm for a pose per millisecond, 2 mm for one per 4 ms."""
     start, time = robot.forward_kinematics(Q), np.arange(4000) * 1e-3
     sine = 0.05 * np.minimum(time, 1.0) * np.sin(2 * np.pi * time)
     poses = np.array([moved(start, (0, y, 0)) for y in sine])
@@ -149,7 +149,7 @@ def test_out_of_reach_and_back(robot: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_the_arm_keeps_its_side_of_a_fold(made: Any) -> None:
-    """The elbow of the j2s6s200 stretches toward a target out of reach; before, it came back bent the other way."""
+    """Stretch the j2s6s200 toward a target out of reach: its elbow comes back on the same side."""
     robot, q = made(*J2S6S200), np.array(J2S6S200[2])
     start, time = robot.forward_kinematics(q), np.arange(7000) * 1e-3
     out = start[:3, 3] / np.linalg.norm(start[:3, 3])
@@ -192,7 +192,7 @@ def test_a_sine_turns_the_tip_little(made: Any) -> None:
 
 
 def test_an_arm_rests_out_of_reach(robot: ModuleType) -> None:
-    """No joint swings while the pose is, or moves, out of reach: a form without the margin swung by 0.4 rad/s."""
+    """Hold and move the pose out of reach: no joint swings. A form without the margin swung by 0.4 rad/s."""
     start, time = robot.forward_kinematics(Q), np.arange(4000) * 1e-3
     out = 0.6 * start[:3, 3] / np.linalg.norm(start[:3, 3])
     for share in (np.ones(4000), 0.5 - 0.5 * np.cos(np.pi * time / 4.0)):
@@ -204,7 +204,7 @@ def test_an_arm_rests_out_of_reach(robot: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_the_scara_folds_and_comes_back(made: Any) -> None:
-    """Before, the arm ended 0.044 rad beyond a limit, its tip 660 mm off, and stayed there."""
+    """Fold the SCARA and come back: before, it stayed 0.044 rad beyond a limit, its tip 660 mm off."""
     robot, q = made(*SCARA), np.array(SCARA[2])
     follow = robot.Follow(q, sample_time=1e-3)
     for posture in ((-2.07, -0.874, 0.14, 0.993), SCARA[2], (0.3, -1.2, 0.1, 1.0)):
@@ -228,7 +228,7 @@ def test_a_quill_stops_before_its_end_and_comes_back(made: Any) -> None:
 
 @pytest.mark.slow
 def test_a_stretched_arm_leaves_its_posture(made: Any) -> None:
-    """At q2 = 0 no velocity moves the tip inwards; the posture says to which side the elbow bends."""
+    """Start at q2 = 0, where no velocity moves the tip inwards: the posture says to which side the elbow bends."""
     robot = made(*SCARA)
     for side in (-1.0, 1.0):
         q, goal = np.array([0.1, 0.0, 0.1, 0.2]), np.array([-0.4, side, 0.1, 0.2])
@@ -238,7 +238,7 @@ def test_a_stretched_arm_leaves_its_posture(made: Any) -> None:
 
 
 def test_a_posture_leads_where_the_line_is_blocked(robot: ModuleType) -> None:
-    """The first joint must turn the other way round, which no straight line does."""
+    """Block the straight line: the posture leads the first joint the other way round."""
     far, near = Q.copy(), Q.copy()
     near[0], far[0] = -2.7, 2.7
     pose = robot.forward_kinematics(far)
@@ -253,7 +253,7 @@ def test_a_posture_leads_where_the_line_is_blocked(robot: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_two_tips_with_tools_reach_their_poses_together(once: Once) -> None:
-    """A tree whose trunk moves both tips; with sliding, continuous and mimicking joints, tools given at run time."""
+    """Follow with two tips on one trunk, of all joint types, with tools given at run time: both arrive."""
 
     def generate(folder: Path) -> None:
         urdf = tree_urdf(1).replace('name="trunk_j1" type="revolute"', 'name="trunk_j1" type="continuous"')
@@ -281,7 +281,7 @@ def test_two_tips_with_tools_reach_their_poses_together(once: Once) -> None:
 
 @pytest.mark.slow
 def test_random_legs_end_at_their_poses_or_say_so(robot: ModuleType, made: Any) -> None:
-    """A short form of ``make campaign NAME=follow``: there and back, within all limits, and no end in silence."""
+    """Follow random legs there and back, as ``make campaign NAME=follow``: within limits, and no end in silence."""
     random = np.random.default_rng(7)
     for each in (robot, made(*SCARA)):
         lower, upper = np.clip(each.LOWER, -3.0, 3.0), np.clip(each.UPPER, -3.0, 3.0)

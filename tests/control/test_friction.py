@@ -49,7 +49,7 @@ def away(rows: np.ndarray, poses: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_slow_line_has_half_the_error(ur5: Arm) -> None:
-    """With 90 % of the true friction the error of a line at 0.2 Hz is at most 0.55 of that without."""
+    """Move along a line at 0.2 Hz with 90 % of the friction fed forward: at most 0.55 of the error without."""
     poses = line(ur5)
     without, fed = (away(rows_of(ur5, share, poses), poses)[PERIOD:] for share in (0.0, 0.9))
     error, left = (float(np.sqrt(np.mean(each**2))) for each in (without, fed))

@@ -67,7 +67,7 @@ def test_an_arm_in_motion_has_no_fault(robot: ModuleType) -> None:
 
 
 def test_a_clamp_that_gives_way_is_no_frozen_position(robot: ModuleType) -> None:
-    """A position that moves in its last bits is not frozen, however hard the clamp."""
+    """Clamp an arm whose position moves in its last bits: not frozen, however hard the clamp."""
     for hardness in (1e6, 1e8):
         controller = robot.Impedance(**STATED)
         q, torque = Q, np.zeros(7)
@@ -93,7 +93,7 @@ def test_an_arm_at_rest_may_stand_still_for_ever(robot: ModuleType) -> None:
 
 
 def test_a_restart_under_gravity_is_no_frozen_position(robot: ModuleType) -> None:
-    """The own torque falls while the caller's rises, and their sum stays. Before, it rose by a half, and was FROZEN."""
+    """Restart under gravity, where own and caller's torque keep their sum: not frozen. Before, it was."""
     controller, gravity = robot.Impedance(**STATED, torque_rate_limit=1000.0), np.array([0, 42.0, 0, -20, 0, 1, 0])
     controller.restart(gravity)
     for k in range(400):

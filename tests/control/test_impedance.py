@@ -95,7 +95,7 @@ def test_old_arguments_are_told_the_new_line(robot: ModuleType, name: str) -> No
 
 
 def test_a_step_without_a_clock_is_refused(robot: ModuleType) -> None:
-    """In Python by TypeError; in C the call holds the torque, and lets it fall: ten lines put out 73 J before."""
+    """Step without a clock: TypeError in Python; C holds the torque and lets it fall. Before: 73 J."""
     controller = robot.Impedance(**ARM)
     for given in ({}, {"counter": 1, "time": 0.1}):
         with pytest.raises(TypeError, match=r"give counter= .* or time="):
@@ -166,7 +166,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str, int, str]] = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_refusal_has_command_entry_seen_and_limit(robot: ModuleType, name: str) -> None:
-    """The reference stays; the output says what was seen, and text says it in words with the joint's name."""
+    """Refuse a command: the reference stays, and the output says what was seen, in numbers and words."""
     changed, command, entry, reason = REFUSED[name]
     controller = robot.Impedance(**ARM, errors="ignore")
     before = controller.step(**AT_REST, counter=0)
@@ -196,7 +196,7 @@ def test_a_refused_command_warns_once_or_raises(robot: ModuleType) -> None:
 
 
 def test_the_torque_is_that_of_springs_and_damping(robot: ModuleType) -> None:
-    """Against the spring's kernel at the reference's pose, and the posture spring; at rest nothing else acts."""
+    """Compare the torque at rest with the spring's kernel at the reference and the posture spring."""
     _, out = held_away(robot, tank_initial=200.0)
     E = robot.forward_kinematics(out.reference)
     expected = robot.spring.torque(Q, E, KT, KO) + 1.0 * (out.reference - Q)
@@ -272,7 +272,7 @@ def test_samples_that_are_lost_and_come_back(robot: ModuleType) -> None:
 
 
 def test_a_reset_after_a_lost_sensor_brakes_a_coasting_arm(robot: ModuleType) -> None:
-    """No damping acts in the fault, and the springs of the reset begin slack where the arm is: they only brake it."""
+    """Reset after a lost sensor while the arm coasts: springs begin slack where it is, and only brake it."""
     for joint in range(7):
         controller, arm = robot.Impedance(**ARM, position_quantum=2e-6), Arm(robot, Q)
         springs, work, most = {**AT_REST, "translation_stiffness": 2000 * np.eye(3)}, 0.0, 0.0
@@ -322,7 +322,7 @@ def test_coriolis_forces_are_compensated(robot: ModuleType) -> None:
 
 
 def test_friction_is_fed_forward_by_the_reference_alone(robot: ModuleType) -> None:
-    """In full from 0.02 rad/s of the reference on, with its sign; nothing at rest, however the arm moves."""
+    """Move reference and arm: friction is fed forward by the reference alone, in full from 0.02 rad/s on."""
     friction = np.linspace(0.5, 2.0, 7)
     controller = robot.Impedance(**ARM, tank_initial=500.0, position_quantum=2e-6, coulomb_friction=friction)
     for k in range(400):  # until the reference has stopped braking: friction ends before it

@@ -30,7 +30,7 @@ PERIOD = 0.05  # s, of actions
 
 @pytest.fixture(scope="module")
 def plugin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ModuleType]:
-    """The plug-in as LeRobot's own function finds it."""
+    """Return the plug-in as LeRobot's own function finds it."""
     with pytest.MonkeyPatch.context() as patch, installed_plugin(tmp_path_factory.mktemp("plugin")):
         patch.setenv("HF_HOME", str(tmp_path_factory.mktemp("home")))
         patch.setenv("HF_HUB_OFFLINE", "1")
@@ -99,7 +99,7 @@ def test_lerobot_finds_it(plugin: ModuleType, make: Any) -> None:
 
 @pytest.mark.slow
 def test_frames_and_units_are_mujocos(make: Any) -> None:
-    """The tip goes to a pose in m and rad; 8 N move it by 1 cm at 800 N/m, and the joints by angles in rad."""
+    """Send poses in m and rad: MuJoCo's tip goes there; 8 N move it by 1 cm at 800 N/m."""
     robot, model = make(), _mujoco()
     first = _pose(robot)
     turn = Rotation.from_rotvec([0.1, -0.2, 0.15]) * Rotation.from_rotvec([first[name] for name in POSE[3:]])
@@ -149,7 +149,7 @@ def test_late_is_held_stale_fades_and_comes_back(make: Any) -> None:
 
 
 def test_hostile_actions_are_refused_by_name(make: Any, caplog: pytest.LogCaptureFixture) -> None:
-    """A bad number refuses its part alone; a wrong key refuses the action, and no time passes."""
+    """Send bad actions: a bad number refuses its part, a wrong key the action, and no time passes."""
     arm = make(variable_stiffness=True)
     good = _pose(arm) | {"stiffness.translation": 500.0, "stiffness.rotation": 25.0}
     for _ in range(4):
@@ -175,7 +175,7 @@ def test_hostile_actions_are_refused_by_name(make: Any, caplog: pytest.LogCaptur
 
 
 def test_a_jump_costs_what_follow_allows(make: Any) -> None:
-    """A goal 1 m away: the tip moves at Follow's velocity, and no joint beyond its limit."""
+    """Send a goal 1 m away: the tip moves at Follow's velocity, and no joint beyond its limit."""
     arm = make()
     first, fastest = _pose(arm), 0.0
     goal = first | {"ee.x": first["ee.x"] - 1.0}
@@ -190,7 +190,7 @@ def test_a_jump_costs_what_follow_allows(make: Any) -> None:
 
 
 def test_a_fault_refuses_every_action(make: Any, caplog: pytest.LogCaptureFixture) -> None:
-    """A jump of the arm is described once; to connect again resets it."""
+    """Let the arm jump: the fault is described once and refuses actions until the next connection."""
     arm = make()
     action = _pose(arm)
     arm.send_action(action)
@@ -206,7 +206,7 @@ def test_a_fault_refuses_every_action(make: Any, caplog: pytest.LogCaptureFixtur
 
 
 def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureFixture) -> None:
-    """An arm in motion stops within 5 cm; afterwards LeRobot's own errors say that it is not connected."""
+    """Disconnect in motion: the arm stops within 5 cm, and LeRobot's own errors follow."""
     errors = importlib.import_module("lerobot.utils.errors")
     arm = make()
     first = _pose(arm)
@@ -228,7 +228,7 @@ def test_disconnect_leaves_the_arm_at_rest(make: Any, caplog: pytest.LogCaptureF
 
 
 def test_real_time_follows_the_clock(make: Any) -> None:
-    """The loop runs in a thread of its own, also without actions, and ends with the connection."""
+    """Run in real time: the thread works without actions, too, and ends with the connection."""
     arm = make(real_time=True, validity=0.1, fade_time=0.1)
     first, end = _pose(arm), time.monotonic() + 5.0
     while _pose(arm)["ee.z"] > first["ee.z"] - 0.005 and time.monotonic() < end:
@@ -269,7 +269,7 @@ def test_a_hand_is_fixed(plugin: ModuleType) -> None:
 
 
 def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: ModuleType) -> None:
-    """A start or model of another robot, no model, and settings out of range."""
+    """Connect with another robot's start or model, or settings out of range: each is named."""
     for config, message in (
         ({"start": [0.0]}, "start: 1 positions, but the robot has 7"),
         ({"model": None}, "a folder has no model for MuJoCo; set model"),
@@ -286,7 +286,7 @@ def test_what_does_not_fit_is_named(make: Any, robot_folder: Path, plugin: Modul
 def test_code_of_the_page(
     robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The blocks of docs/policies.md run, and print what the page says."""
+    """Run the blocks of docs/policies.md: they print what the page says."""
     (tmp_path / "generated").symlink_to(robot_folder.parent)
     (tmp_path / "urdf").symlink_to(URDF.parent)
     monkeypatch.chdir(tmp_path)
@@ -297,7 +297,7 @@ def test_code_of_the_page(
 
 
 def test_the_recorded_arm_turns_and_goes_round_a_circle(plugin: ModuleType) -> None:
-    """The tip is 0.2 s late; poses are MuJoCo's, and positions the trapezoidal rule's of the velocities."""
+    """Compare the recording with MuJoCo's poses and the velocities' integral; the tip is 0.2 s late."""
     episode = importlib.import_module(f"{plugin.__name__}.episode").read(EPISODE)
     model, time = _mujoco(), np.arange(120) * PERIOD
     rows = [dict(zip(episode.state_names, state, strict=True)) for state in episode.states]
@@ -321,7 +321,7 @@ def test_the_recorded_arm_turns_and_goes_round_a_circle(plugin: ModuleType) -> N
 
 @pytest.mark.slow
 def test_the_recorded_episode_is_replayed(make: Any, plugin: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the plug-in's function, and by LeRobot's own where all of LeRobot is installed."""
+    """Replay the episode by the plug-in's function, and by LeRobot's own where it is installed."""
     module = importlib.import_module(f"{plugin.__name__}.episode")
     episode = module.read(EPISODE)
     arm = make(variable_stiffness=True)

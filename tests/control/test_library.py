@@ -72,7 +72,7 @@ def test_every_file_compiles_by_itself(which: str, compiler: str, tmp_path: Path
     "which", [pytest.param(name, marks=pytest.mark.wide if name in COMPANIONS else ()) for name in LIBRARIES]
 )
 def test_editors_open_every_file(which: str, tool: str) -> None:
-    """No diagnostics with the flags of compile_flags.txt, which both tools read."""
+    """Open each file with clang-tidy and clangd: no diagnostics with the flags of compile_flags.txt."""
     if shutil.which(tool) is None:
         pytest.skip(f"{tool} is not installed")
     check_tool(LIBRARIES[which], tool)
@@ -92,7 +92,7 @@ def test_no_file_calls_one_behind_it(which: str) -> None:
 
 
 def test_a_constant_of_the_header_serves_several_files() -> None:
-    """One that a single file uses stands there, beside what it bounds."""
+    """Look up each constant of the header: one that a single file uses belongs into that file."""
     texts = [path.read_text() for path in LIBRARY.glob("*.c")]
     header = (LIBRARY / "impedance.h").read_text()
     names = re.findall(r"\b([A-Z][A-Z_]+) = [^;,]*[;,]", "".join(re.findall(r"^static const .*", header, re.MULTILINE)))
@@ -162,7 +162,7 @@ def test_the_checksum_sees_a_changed_memory(library: Library) -> None:
 
 
 def test_samples_that_are_missing(library: Library) -> None:
-    """The torque is held for missed_limit calls, then falls at the rate limit until a sample comes."""
+    """Miss samples: the torque is held for missed_limit calls, then falls at the rate limit."""
     state = started(library)
     held = np.array(run(library, state, 2000, q0=0.1).torque)
     for missed in range(1, CALLS + 3):
@@ -172,7 +172,7 @@ def test_samples_that_are_missing(library: Library) -> None:
 
 
 def test_postures_fill_all_joints_together(library: Library) -> None:
-    """No two joints of the postures that size the tank keep a relation in small whole numbers: a curve would."""
+    """Check the postures that size the tank: no two joints keep a relation in small whole numbers, as on a curve."""
     spread = library.c.spread_joint
     spread.restype = ctypes.c_double
     x = np.array([[spread(k, i) for i in range(40)] for k in range(1, 33)])

@@ -40,7 +40,7 @@ def test_every_torque_is_within_its_limits_whatever_the_memory_holds(program: Me
 def test_a_state_that_was_never_initialised_is_refused(
     program: MemoryProgram, robot_folder: Path, pattern: bytes
 ) -> None:
-    """The step returns E_NOT_INITIALISED with a torque of 0, again and again, and so does reset."""
+    """Step and reset a state that was never initialised: E_NOT_INITIALISED and a torque of 0, each time."""
     known: dict = {}
     header = robot_folder / "iiwa14_impedance.h"
     Output = struct(header, "iiwa14_impedance_output", known, {})
@@ -65,7 +65,7 @@ def test_every_integer_that_the_library_bounds_has_its_range() -> None:
 
 @pytest.mark.slow
 def test_the_program_finds_a_torque_beyond_its_limit(tmp_path: Path, robot_folder: Path) -> None:
-    """A controller whose last guard is gone fails: the check is one."""
+    """Take a controller's last guard away: the program that damages memory must fail."""
     source = (robot_folder / "iiwa14_impedance.c").read_text()
     guarded = "    guard_output(effort, out->torque);\n"
     assert guarded in source

@@ -14,7 +14,7 @@ from support.controller_library import Matrices, residual, spectra, symmetric
 @pytest.mark.slow
 @pytest.mark.parametrize("rows", [1, 2, 3, 6, 7, 12, 40])
 def test_modes_are_those_of_the_matrix(rows: int, tmp_path: Path) -> None:
-    """Before: 65 turns for seven joints, and errors up to the size of the matrix in 47 % of such matrices."""
+    """Compare modes with NumPy's. Before: errors of the matrix's size in 47 % of clustered ones, after 65 turns."""
     matrices, random = Matrices(tmp_path, rows), np.random.default_rng(11)
     for A in spectra(random, rows, 240 if rows < 12 else 30):
         values, V = matrices.find_modes(A)

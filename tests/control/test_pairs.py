@@ -63,7 +63,7 @@ def test_every_term_is_that_of_the_law(dual: GeneratedRobot) -> None:
 
 @pytest.mark.slow
 def test_bounded_springs_and_tools(once: Once) -> None:
-    """The tips are named the other way round, and each has a tool."""
+    """Compare bounded springs of a pair, tips named the other way round, each with a tool."""
     robot = made(once, "tooled", springs=("bounded",), runtime_tool=True)
     checks = check_controller(robot, 2)
     assert len(checks) > 10 and all(check.passed for check in checks), checks
@@ -77,7 +77,7 @@ def test_bounded_springs_and_tools(once: Once) -> None:
 
 
 def limited_springs_are_those_of_the_kernels(robot: GeneratedRobot) -> None:
-    """Each hand has a tool of its own, and the springs reach their limits: stored energy and torque of both springs."""
+    """Return whether energy and torque of both springs at their limits are those of the kernels."""
     module, limits, off = robot.module, (5.0, 1.0), Q + np.array([0.1, 0.3, -0.2, 0.2, 0.1])
     tools = np.tile(np.eye(4), (2, 1, 1))
     tools[0, :3, 3], tools[1, :3, :3] = (0.1, -0.05, 0.2), np.diag([-1.0, -1.0, 1.0])
@@ -98,7 +98,7 @@ def limited_springs_are_those_of_the_kernels(robot: GeneratedRobot) -> None:
 
 
 def test_the_pair_leaves_common_motion_alone(dual: GeneratedRobot) -> None:
-    """The joint that carries both arms turns: nothing is stored between the hands; the absolute spring resists."""
+    """Turn the joint that carries both arms: nothing is stored between the hands; the absolute spring resists."""
     turned = Q + 0.1 * (np.arange(5) == 0)
     controllers = [dual.module.Impedance(**STATED, **WIDE, position_quantum=1e-5) for _ in range(2)]
     stored = []
@@ -112,7 +112,7 @@ def test_the_pair_leaves_common_motion_alone(dual: GeneratedRobot) -> None:
 
 
 def test_a_squeeze_is_internal(dual: GeneratedRobot) -> None:
-    """A wrench command of the pair: B gets it in the axes of A, A its reaction; joints of both arms get nothing."""
+    """Command a wrench of the pair: B gets it in A's axes, A its reaction; common joints get nothing."""
     squeeze = np.zeros((3, 6))
     squeeze[2] = (3.0, -20.0, 5.0, 0.4, 0.2, -0.3)
     out = engaged(dual, stiff(400.0, 2, 3), wrench_command=squeeze)
@@ -133,7 +133,7 @@ def test_a_squeeze_is_internal(dual: GeneratedRobot) -> None:
 def test_each_hand_counts_for_the_heaviest_wrench_and_the_purse(
     way: tuple[float, ...], heavier: int, dual: GeneratedRobot
 ) -> None:
-    """The reference moves on as far as the heavier hand's springs may pull, and each joule of theirs is supplied."""
+    """Pull on one hand: the reference moves as far as the heavier springs may pull, and each joule is supplied."""
     module, heaviest = dual.module, (20.0, 5.0)
     controller = module.Impedance(
         **STATED | {"heaviest_wrench": heaviest}, **WIDE, position_quantum=1e-5, tank_initial=1e3
@@ -159,7 +159,7 @@ def test_an_asymmetric_stiffness_of_a_pair_is_refused_by_its_entry(dual: Generat
 
 
 def test_the_energy_is_that_of_the_generated_kernels(dual: GeneratedRobot) -> None:
-    """The law of the comparison has the energy of the pair's own kernel."""
+    """Compare the energy of the comparison's law with that of the pair's own kernel."""
     module, random = dual.module, np.random.default_rng(3)
     Kt, Ko = (x @ x.T for x in random.normal(size=(2, 3, 3)))
     at, rest = Q, Q + 0.3 * random.normal(size=5)

@@ -52,7 +52,7 @@ def test_torque_and_damping(robot: ModuleType, formula: str) -> None:
 
 
 def test_limits(robot: ModuleType) -> None:
-    """The torque approaches what the law wants at the rate limit, and stops at the effort limit."""
+    """Command a jump: the torque approaches it at the rate limit and stops at the effort limit."""
     law = robot.PaperLaw(torque=2.0, effort_limit=5.0, torque_rate_limit=1e3, sample_time=5e-4, motor_inertia=0.1)
     last = np.full(7, 2.0)
     for _ in range(40):
@@ -78,7 +78,7 @@ def test_limits(robot: ModuleType) -> None:
     ],
 )
 def test_a_sample_is_refused_aloud(robot: ModuleType, changed: dict[str, Any], message: str) -> None:
-    """The torque then goes to zero at its rate limit."""
+    """Pass a bad sample: refused by an exception, and the torque goes to zero at its rate limit."""
     law = robot.PaperLaw(motor_inertia=0.1, torque=1.0, torque_rate_limit=100.0)
     with pytest.raises(ValueError, match=message):
         law.step(**sample(**changed))
@@ -163,7 +163,7 @@ def spoil_sample(law: InC) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [lower_effort, take_effort, spoil_sample_time, spoil_formula, spoil_sample])
 def test_no_change_jumps(in_c: InC, change: Any) -> None:
-    """Before: 142 N m became 3.2 with a lowered effort limit, and 0 with a refused configuration, in one call."""
+    """Change the configuration: the torque does not jump. Before: 142 N m became 3.2, or 0, in one call."""
     in_c.given.q0[:] = Q + 0.3
     for _ in range(400):
         assert in_c.step() == 0
@@ -189,7 +189,7 @@ def test_a_torque_in_force_beyond_the_limit_is_refused(robot: ModuleType) -> Non
 
 @pytest.mark.slow
 def test_the_header_states_the_bounds(in_c: InC) -> None:
-    """Each bound of the configuration is accepted, and the next number beyond is not. Before: "nan and nan"."""
+    """Set each bound of the header and the next number beyond: accepted, and refused. Before: "nan and nan"."""
     for header in HEADER.parent.glob("*.h*"):
         assert not re.search(r"\bnan\b", header.read_text()), header.name
     text = re.sub(r"\s+(\* )?", " ", HEADER.read_text())

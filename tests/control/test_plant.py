@@ -32,7 +32,7 @@ def test_energy_of_a_free_motion(loop: Loop) -> None:
 
 @pytest.mark.slow
 def test_work_of_load_clamp_hand_and_stops(loop: Loop) -> None:
-    """What the environment does to the arm is in the balance: to 1e-3 of the energy in play: a stop is a kink."""
+    """Load, push, clamp and stop the simulated arm: the energy balance holds to 1e-3, as a stop is a kink."""
     episode = loop.episode(stop_stiffness=2e4, stop_damping=50.0, substeps=10)
     parts = loop.segments(
         {"load": [5, -8, 10, 1, -1, 2], "push": [0, 5, 0, -5, 0, 1, 1]},
@@ -48,7 +48,7 @@ def test_work_of_load_clamp_hand_and_stops(loop: Loop) -> None:
 
 
 def test_statics(loop: Loop) -> None:
-    """The spring's gradient is that of its energy, and at rest it balances the load."""
+    """Compare the spring's gradient with differences of its energy; at rest it balances the load."""
     A, B = RANDOM.normal(size=(3, 3)), RANDOM.normal(size=(3, 3))
     springs = loop.springs(Q0, 300 * np.eye(3) + 50 * A @ A.T, 20 * np.eye(3) + 5 * B @ B.T, 2.0)
     q = Q0 + RANDOM.uniform(-0.6, 0.6, 7)

@@ -105,7 +105,7 @@ def test_a_return_is_continuous(robot: ModuleType, end: float, back: float) -> N
 
 
 def test_refusals_are_named_and_change_nothing(robot: ModuleType) -> None:
-    """Each refusal names its part, its reason and the number; what is commanded stays as it was."""
+    """Propose what is refused: part, reason and number are named, and the command stays."""
     port, why = _port(robot), robot.PolicyRefused
     good: dict[str, Any] = {"pose": _goal(robot), "wrench_command": np.ones(6), **SPRINGS}
     assert not port.propose(now=1.0, time=1.0, **good, gripper=0.25)

@@ -56,7 +56,7 @@ def test_an_approach_is_slow_and_stays_near_the_tip(robot: ModuleType) -> None:
 
 
 def test_contact_integrates_and_hands_over(robot: ModuleType) -> None:
-    """Three samples of a fifth of the force; then wrench_command and the spring together grow by the gain."""
+    """Touch for three samples: contact begins; then force and spring together grow by the gain."""
     pressed = Pressed(robot)
     start = pressed.ahead(pressed.run(99, 0.0))
     assert pressed.run(2, 4.0).stage == robot.PressStage.APPROACH
@@ -167,7 +167,7 @@ def test_an_approach_on_a_sensor_that_says_nothing_ends(iiwa: Arm) -> None:
 
 @pytest.mark.slow
 def test_friction_ends_no_approach(once: Once) -> None:
-    """A UR5's friction, some 20 N at the tip and not fed forward, against 9 N of spring: the tip creeps on."""
+    """Approach with a UR5's friction, some 20 N at the tip, against 9 N of spring: the tip creeps on."""
     ur5 = Arm("ur5", once("arms-ur5", lambda folder: Arm("ur5", folder)))
     rows = pressed_rows(ur5, 9000, (0.0, 1.0, 0.0), 300.0)
     way = 1e3 * (rows["pose"].reshape(-1, 4, 4)[[2000, -1], 1, 3] - rows["pose"].reshape(-1, 4, 4)[0, 1, 3])
@@ -178,7 +178,7 @@ def test_friction_ends_no_approach(once: Once) -> None:
 
 @pytest.mark.slow
 def test_a_sensor_that_says_too_little(iiwa: Arm) -> None:
-    """One that freezes in the first contact, and one that says a fifth: the tip lets go before 80 N."""
+    """Freeze the sensor in contact, or let it say a fifth: the tip lets go before 80 N."""
     down = (0.0, 0.0, -1.0)
     touched = int(np.argmax(pressed_rows(iiwa, 8000, down, 600.0)["contact"][:, 2] > 5.0))
     for fault in ({"wrench_last": touched}, {"wrench_gain": 0.2}):

@@ -58,7 +58,7 @@ def test_the_controller_itself_passes(workshop: Workshop) -> None:
 
 @pytest.mark.parametrize("change", ["nothing", "a line", "a file less"])
 def test_the_folders_own_controller_runs(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is compiled from the folder where a source differs or, as of another version, is not there."""
+    """Change a source of the folder: the controller that runs is compiled from it, not the generator's."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(FOLDER, folder)
     robot = open_robot(folder)
@@ -98,7 +98,7 @@ def test_every_changed_default_is_found(workshop: Workshop, field: Field, monkey
 
 @pytest.mark.slow
 def test_defaults_and_rules_are_the_tables(workshop: Workshop) -> None:
-    """A default and a rule changed in the C: the table is the generator's, not the folder's."""
+    """Change a default and a rule in the C: found, as the table is the generator's."""
     defaults = changed_defaults(workshop.text)
     assert len(defaults) == len([field for field in CONFIG if not field.when])
     chosen = next(each for each in defaults if "ramp_time" in each.before)
@@ -119,7 +119,7 @@ def test_sessions_kill_mutants(workshop: Workshop, count: int, most: int) -> Non
 
 
 def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
-    """A field whose default is 0 would else keep its code from being run."""
+    """Check that each field is above 0 in some session: else its code would not run."""
     robot = workshop.robot
     first, second = (open_controller(workshop.reference, robot) for _ in range(2))
     zero = {field.name for field in first.fields}
@@ -130,7 +130,7 @@ def test_every_field_is_above_0_in_some_session(workshop: Workshop) -> None:
 
 
 def test_verify_uses_every_function_and_input_of_the_controller(workshop: Workshop) -> None:
-    """A function that no comparison calls, or an input that no session sets, could be changed unseen."""
+    """Check that sessions use each function and input: else they could change unseen."""
     header = (workshop.folder / "iiwa14_impedance.h").read_text()
     functions = set(re.findall(r"^\w[\w *]* \*?iiwa14_impedance_(\w+)\(", header, re.MULTILINE))
     sources = "".join(file.read_text() for file in Path(sessions.__file__).parent.glob("*.py"))
@@ -165,7 +165,7 @@ effort="50"/>
 
 @pytest.mark.wide(instead="test_the_controller_itself_passes")
 def test_sessions_run_on_robots_of_every_kind(tmp_path: Path) -> None:
-    """Two tips, a finger's short slide, tools that are arguments: the sessions pass, and see exchanged tools."""
+    """Run sessions on two tips, a short slide and tools as arguments: they pass, and see exchanged tools."""
     turns = ("revolute", 1.5)
     links = (("body", "base", *turns), ("left", "body", "prismatic", 0.02), ("right", "body", *turns))
     (tmp_path / "tree.urdf").write_text(TREE.format("".join(BRANCH.format(*each) for each in links)))

@@ -90,7 +90,7 @@ def test_a_blocked_tip_is_pulled_no_harder(robot: ModuleType) -> None:
 
 
 def test_a_creeping_tip_is_turned_back_within_the_band(robot: ModuleType) -> None:
-    """An error of 0.95 mm moves the offset, one of 0.85 mm does not: friction's creep goes on while it turns."""
+    """Let friction creep: an error of 0.95 mm moves the offset, one of 0.85 mm does not."""
     held = Held(robot, off=0.0)
     held.run(100)
     for error, moves in ((0.85e-3, False), (0.95e-3, True)):

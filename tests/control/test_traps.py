@@ -32,7 +32,7 @@ def build_program(name: str, output: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", URDFS)
 def test_nothing_is_raised(once: Once, name: str) -> None:
-    """Before: 0/0 in the first step (compare_modes), and in each step without stiffness; both ended the program."""
+    """Run with floating-point traps: none is raised. Before: 0/0 in the first step ended the program."""
     program = once(f"trapped-{name}", lambda folder: build_program(name, folder)) / "sessions"
     for session in SESSIONS:
         done = subprocess.run([program, session], capture_output=True, text=True, check=False)

@@ -52,7 +52,7 @@ def test_robots_whose_names_become_one(names, files, tmp_path, capsys):
 
 
 def test_files_of_one_name_of_robot(tmp_path):
-    """Two files whose robots have one name; one file that was renamed, or edited, is the same source."""
+    """Generate two files whose robots have one name: refused; a file renamed or edited is the same source."""
     first, second = written(tmp_path / "first.urdf", "arm"), written(tmp_path / "second.urdf", "arm", "0.7")
     folder = stiffgen.generate(first, output=tmp_path, **SMALL)
     with pytest.raises(OutputError, match=r"\(file first\.urdf would become second\.urdf\)"):
@@ -78,7 +78,7 @@ def test_arguments_of_one_template(tmp_path):
 
 
 def test_a_folder_of_another_version_keeps_its_source(tmp_path):
-    """A manifest whose chain has other fields, and one whose records are damaged."""
+    """Read a manifest of another version, and one with damaged records: the source stays known."""
     left, right = written(tmp_path / "left.urdf", "left+"), written(tmp_path / "right.urdf", "left-")
     folder = stiffgen.generate(left, output=tmp_path, **SMALL)
     manifest = folder / "manifest.json"

@@ -66,7 +66,7 @@ def test_other_chains_compile_without_a_warning(compiler, tmp_path):
 @pytest.mark.parametrize("compiler", compilers())
 @pytest.mark.parametrize("file", [".h", "_impedance.h", ".c", "_batch.c", "_impedance.c", *COMPANION_HEADERS])
 def test_c89_is_refused_by_a_sentence(file, compiler, standard, robot_folder):
-    """The first error names the remedy."""
+    """Compile as C89: the first error names the remedy."""
     command = [compiler, standard, "-fsyntax-only", "-x", "c", robot_folder / f"iiwa14{file}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
@@ -120,7 +120,7 @@ def test_compiles_alone(robot_folder, tmp_path):
     ],
 )
 def test_symbols(compiler, optimisation, compiled):
-    """Nothing is called but libm; nothing is exported but the header's names; no data can be written to."""
+    """List the symbols: only libm is called, only the header's names exported, no data can be written to."""
     nm = ["nm", str(compiled(compiler, "c99", optimisation))]
     lines = subprocess.run(nm, check=True, capture_output=True, text=True).stdout.split("\n")
     symbols = [line.split()[-2:] for line in lines if line]

@@ -45,7 +45,7 @@ def robot(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pairs(robot):
-    """Every function with a gradient: its name, compiled and as a graph, and arguments and cotangents in each state."""
+    """Yield each function with a gradient: its name, compiled and as a graph, arguments and cotangents."""
     model = stiffgen.StiffnessModel(robot.chain)
     samples = argument_samples(robot.chain, COUNT, SEED, robot.springs)  # by argument, COUNT values each
     namespace = wrapper(robot, "casadi")
@@ -131,7 +131,7 @@ def test_gradients_have_values_and_no_derivatives(robot):
 
 
 def test_derivatives(pairs):
-    """One product (adj1_), three at once, and every derivative (jac_): none is CasADi's own, by differences."""
+    """Ask CasADi for one product, three at once, and all derivatives: none is its own, by differences."""
     for name, compiled, graph, states in pairs:
         for given, cotangents in states:
             results = [np.zeros(graph.size_out(k)) for k in range(graph.n_out())]
@@ -210,7 +210,7 @@ def test_source_is_free_of_warnings(small, compiler, part, tmp_path):
 
 
 def test_is_called_as_the_interface_says(small):
-    """From C, as CasADi does: arguments that are left out are zero, results that are not wanted are not written."""
+    """Call from C as CasADi does: arguments left out are zero, results not wanted are not written."""
     library = ctypes.CDLL(str(small.folder / "python" / "arm_casadi.so"))
     n, pointers = small.chain.dof, ctypes.POINTER(ctypes.c_double)
     call = library.jac_arm_casadi_hybrid_joint_stiffness
@@ -247,7 +247,7 @@ def test_package_does_not_load_casadi(small):
 
 @pytest.mark.slow
 def test_built_by_cmake(small, arm, tmp_path):
-    """The libraries by themselves, for those who load them without the package."""
+    """Build the libraries by themselves, for users without the package."""
     require_program("cmake", "cmake")
     options = ["-DARM_CASADI=ON", "-DARM_JAX=ON", f"-DPython_EXECUTABLE={sys.executable}"]
     options += [f"-DARM_PYTHON_DIR={tmp_path}", "-DARM_DISPATCH=OFF", "-DCMAKE_BUILD_TYPE=Debug"]

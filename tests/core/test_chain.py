@@ -71,7 +71,7 @@ def test_the_masses_beyond_the_tip_and_beside_the_chain_are_carried(tmp_path):
 
 
 def test_submatrix_is_pinocchios_reduced_model(tmp_path):
-    """The oracle takes rows and columns of the whole robot's mass matrix; locking the others gives the same."""
+    """Compare the oracle's rows and columns of the whole mass matrix with a robot whose other joints are locked."""
     oracle = PinocchioChain(ARM, "lower")
     locked = [oracle.model.getJointId("grip")]
     reduced = pin.buildReducedModel(oracle.model, locked, pin.neutral(oracle.model))
@@ -254,7 +254,7 @@ BEYOND = ((-10.0, -5.0), (-9.0, -8.5), (4.0, 4.3), (5.0, 40.0), (-2.0, 2.0), (-4
 
 @pytest.mark.parametrize(("lower", "upper"), BEYOND)
 def test_a_range_within_a_reach_stays_within_the_limits(tmp_path, lower, upper):
-    """Before: of a range below -pi, draws of verify, the checks of a file and sessions took -pi, beyond the limits."""
+    """Draw from a range below -pi: within the limits. Before, it was cut at -pi, beyond them."""
     text = replaced(('lower="-2" upper="2"', f'lower="{lower}" upper="{upper}"'))
     assert text != replaced()
     chain = loaded(tmp_path, text)

@@ -80,7 +80,7 @@ def test_structure_coefficients_from_brackets():
 
 
 def test_hybrid_is_the_body_connection_in_turned_axes():
-    """At a general orientation: grad_{h_b} h_a with h_a = R_ai e_i, not only at R = 1 where it was derived."""
+    """Derive the hybrid connection at a general orientation, where h_a = R_ai e_i, not only at R = 1."""
     a, b, c = sp.symbols("a b c")
     turn = sp.rot_axis3(a).T * sp.rot_axis1(b).T * sp.rot_axis3(c).T
     T = sp.diag(turn, turn)

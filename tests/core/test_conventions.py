@@ -95,7 +95,7 @@ def test_mujoco_quaternions_begin_with_the_real_part():
 
 
 def test_ros_messages_have_the_order_of_the_page():
-    """As they go over the wire: force, torque; linear, angular; x, y, z, w."""
+    """Serialise ROS messages: force, torque; linear, angular; x, y, z, w, as the page says."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     geometry = {name: store.types[f"geometry_msgs/msg/{name}"] for name in ("Wrench", "Twist", "Vector3", "Quaternion")}
     first, second = (geometry["Vector3"](*values) for values in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))

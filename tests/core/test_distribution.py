@@ -61,7 +61,7 @@ def test_the_source_distribution_has_every_file(built: Path) -> None:
 
 
 def commands() -> list[tuple[str, str]]:
-    """The page's commands, each with the lines that it prints."""
+    """Yield the page's commands, each with the lines that it prints."""
     blocks = re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)
     found = re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", "".join(blocks), re.MULTILINE)
     assert [command.split()[0] for command, _ in found] == [

@@ -31,7 +31,7 @@ from stiffgen.core.errors import install_command
 def test_an_extra_comes_from_where_stiffgen_came_from(
     origin: dict[str, object] | None, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A clone, a copy of it, a wheel, a repository, an index."""
+    """Install from a clone, a copy, a wheel, a repository, an index: the command for an extra names the same place."""
     record = None if origin is None else json.dumps(origin)
     found = SimpleNamespace(read_text=lambda name: record if name == "direct_url.json" else None)
     monkeypatch.setattr(importlib.metadata, "distribution", lambda name: found)

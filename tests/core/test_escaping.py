@@ -23,7 +23,7 @@ EVIL = [
 @pytest.mark.slow
 @pytest.mark.parametrize("several_tips", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_evil_names(several_tips, tmp_path):
-    """Every name of a chain evil: it compiles, imports, and gives the names back as they are in the file."""
+    """Give each name of a chain hostile characters: it compiles, imports, and gives the names back."""
     links = [f"{name}#{k}" for k, name in enumerate([*EVIL, "last"])]
     joints = EVIL
     elements = [f"<link name={quoteattr(link)}/>" for link in links]

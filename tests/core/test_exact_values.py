@@ -100,7 +100,7 @@ READER_FAULTS: dict[str, Callable[[Joint], Joint]] = {
 
 @pytest.mark.parametrize("fault", READER_FAULTS)
 def test_a_fault_of_the_reader_is_seen_here_alone(fault: str, tmp_path: Path) -> None:
-    """The last joint of a chain is not the file's: kernels and oracles agree with each other."""
+    """Let the reader change the last joint: kernels and oracles agree with each other, exact values do not."""
     text, chain = load(tmp_path, SMALL[0])
     wrong = replace(chain, joints=(*chain.joints[:-1], READER_FAULTS[fault](chain.joints[-1])))
     kernels, errors = compared(text, wrong)

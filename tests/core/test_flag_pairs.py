@@ -31,7 +31,7 @@ def test_flags_that_no_macro_tells_are_found(compiler: str, sources: Path, tmp_p
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", [name for name in COMPILERS if name in FLAGS])
 def test_the_papers_law_sees_nan_by_its_bits(compiler: str, sources: Path, tmp_path: Path) -> None:
-    """No macro tells some flags. Before: -ffinite-math-only compiled, and clang -fno-honor-nans gave torques of NaN."""
+    """Compile with flags that no macro tells: NaN is seen by its bits. Before: torques of NaN."""
     refusing = [*(flag for flag in FLAGS[compiler] if flag in UNSEEN), "-fno-signed-zeros", "-ffinite-math-only"]
     printed: dict[tuple[str, ...], str] = {}
     rest = [compiler, "-std=gnu99", "-O1", "-w", f"-I{sources}"]

@@ -92,7 +92,7 @@ def test_other_chains_and_widths(compiler, flags, types, options, tmp_path, monk
 
 @pytest.mark.slow
 def test_what_is_broken_is_found(folder, tmp_path):
-    """A length off by a ten-thousandth, and a term of the sine."""
+    """Change a length by a ten-thousandth, or a term of the sine: verify finds it in floats, too."""
     for number, (statement, broken) in enumerate((("0.42f * ", "0.4202f * "), ("0.008332157f", "0.0f"))):
         text = kernel_text(folder, NAME)
         assert statement in text
@@ -118,7 +118,7 @@ def test_what_is_broken_is_found(folder, tmp_path):
 
 
 def test_no_error_is_beyond_its_bound(floats, robot, chain):
-    """Against doubles, whose errors are 1e-9 of these; and no bound is more than a thousand times what is seen."""
+    """Compare floats with doubles: no error beyond its bound, and no bound above a thousand times what is seen."""
     bounds, of_doubles = ErrorBounds(chain, scalar=FLOAT), ErrorBounds(chain)
     mine, theirs, measured = kernels_of(floats, chain), kernels_of(robot, chain), 0
     for number, kernel in enumerate(chain_kernels(chain)):
@@ -174,7 +174,7 @@ def test_header_and_manifest_state_type_and_bounds(folder, chain):
     ],
 )
 def test_nothing_is_a_double(compiler, language, level, folder, tmp_path):
-    """No warning, no promotion, no function of libm for doubles; nothing exported but the header's names."""
+    """Compile with strict warnings: no promotion, no double function of libm, and only the header's names."""
     compiled = tmp_path / "o"
     promotion = ["-Wdouble-promotion", "-Wfloat-conversion"]
     source = ["-r", "-nostdlib", *(str(folder / f"{NAME}{end}.c") for end in ("", "_batch")), "-o", str(compiled)]
@@ -233,7 +233,7 @@ def flag_mark(case):
     [pytest.param(*each, marks=flag_mark(each)) for each in FLAGS],
 )
 def test_flags_are_refused_found_or_harmless(compiler, flags, verdict, few, tmp_path):
-    """By the compiler, by the self-check; and what neither minds has the right sines and poses."""
+    """Compile with hostile flags: refused, found by the self-check, or sines and poses are right."""
     if "-m32" in flags:
         require_32_bits(require_compiler(compiler))
     (tmp_path / "main.c").write_text(
@@ -321,7 +321,9 @@ def test_numpy_converts_and_can_refuse_to(floats):
 
 
 def test_sines_of_some_floats(folder, tmp_path):
-    """All of them: tests/campaigns/float_sines.py. Beside the multiples of pi/2, near zero, and up to the largest."""
+    """Compare sines of floats beside multiples of pi/2, near zero and up to the largest (all:
+    campaigns/float_sines.py).
+    """
     sines = Sines(folder, "gcc", ["-O1"], tmp_path)
     for first, last in (
         (0, 1 << 21),

@@ -50,7 +50,7 @@ def random_pose(random):
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
-    """Six joints with two tips, sliding and mimic ones among them, on a floating base; a configuration."""
+    """Return a floating robot with two tips, sliding and mimic joints, and a configuration of it."""
     file = tmp_path_factory.mktemp("floating") / "tree.urdf"
     file.write_text(tree_urdf(7, 6))
     chain = stiffgen.load_chain(file, tip=TIPS, floating_base=True)
@@ -78,7 +78,7 @@ def test_shapes(tree):
 
 
 def test_the_bases_own_connection_term_matters(tree):
-    """Without it the base block is not even symmetric: facts in docs/whole_body.md."""
+    """Leave the base's own term out: its block is not even symmetric, as docs/whole_body.md says."""
     wrench, stiffness = np.array([20.0, -30, 10, 5, 8, -6]), np.diag([900.0, 400, 1500, 40, 20, 60])
     found = values(tree.model.left.body.joint_stiffness(tree.q, wrench, stiffness))
     J = values(tree.model.left.body.jacobian(tree.q))
@@ -246,7 +246,7 @@ def urdf_of(robot):
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.filterwarnings("ignore::stiffgen.core.errors.DescriptionWarning")
 def test_real_robots(robot, tmp_path):
-    """A humanoid and a quadruped: J, M, gravity and bias forces by Pinocchio's free-flyer."""
+    """Compare J, M, gravity and bias forces of a humanoid and a quadruped with Pinocchio's free-flyer."""
     urdf = urdf_of(robot)
     text = with_exact_right_angles(urdf.read_text())
     urdf = tmp_path / urdf.name

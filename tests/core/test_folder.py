@@ -68,7 +68,7 @@ for _ in range(100):
 
 @pytest.mark.parametrize("fallback", [False, pytest.param(True, id="two renames")])
 def test_swaps_at_the_same_time(tmp_path, fallback):
-    """Nothing is left beside the folder, and with an exchange in one step it is never absent."""
+    """Swap the folder from several processes: nothing is left beside it, and it is never absent."""
     (tmp_path / "out" / "arm").mkdir(parents=True)
     processes = [python(SWAPS.format(fallback=fallback), tmp_path) for _ in range(3)]
     absent = 0
@@ -109,7 +109,7 @@ def test_planted_links_are_not_followed(tmp_path):
 
 
 def test_a_folder_for_temporary_files_where_no_program_may_run(tmp_path, monkeypatch):
-    """As on a mount with noexec: the message names TMPDIR, not the output folder."""
+    """Compile where no program may run (noexec): the message names TMPDIR, not the output folder."""
     compiler = tmp_path / "compiler"
     compiler.write_text(
         '#!/bin/sh\ncc "$@" || exit\nfor a in "$@"; do case $a in */self_check) chmod -x "$a";; esac; done\n'

@@ -88,7 +88,7 @@ def test_manifest(chain, robot_folder):
 
 
 def test_sine_and_cosine_once_a_joint(robot_folder):
-    """Each function body takes the sines and cosines of all joints in one call, of each angle once."""
+    """Count sines in each function: one call for all joints, each angle once."""
     source = kernel_text(robot_folder, "iiwa14")
     kernels = source[source.index("\n}\n", source.index("void sine_cosine(")) :]
     found = 0
@@ -202,7 +202,7 @@ def test_a_missing_compiler_is_named(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_own_flags_come_last(tmp_path, monkeypatch):
-    """The compiler may have arguments: before the build's -O3, which overrides them. Those in CFLAGS come behind it."""
+    """Give flags with the compiler and in CFLAGS: the first come before the build's -O3, the second behind it."""
     seen = tmp_path / "seen"
     compiler = tmp_path / "compiler"
     compiler.write_text(f'#!/bin/sh\necho "$@" >> {seen}\nexec gcc "$@" -O0\n')

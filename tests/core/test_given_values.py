@@ -42,7 +42,7 @@ NUMBERS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_numbers_of_other_kinds_are_numbers(name: str, arm: Path) -> None:
-    """The chain is that of Python's float, to its representation: the manifest and the lock are texts."""
+    """Pass numbers of other types: the chain is that of Python's float, to its representation."""
     value = NUMBERS[name]
     tools = [stiffgen.Tool(xyz=(0, 0, x), mass=x, com=(x, 0.0, 0.0), inertia=(x, 0, 0, x, 0, x)) for x in (LOCK, value)]
     sensors = [stiffgen.Sensor("hand", xyz=(0.0, 0.0, x), gravity=(0.0, 0.0, x)) for x in (LOCK, value)]

@@ -48,7 +48,7 @@ def test_functions_fit_on_a_page(which: str) -> None:
 
 
 def test_a_library_takes_what_it_uses_of_a_shared_one(tmp_path: Path) -> None:
-    """Also what that uses in turn, with its constants; nothing for a word in a comment."""
+    """Take functions from a shared library: also what these use in turn; nothing for a word in a comment."""
     shared, own = tmp_path / "shared", tmp_path / "own"
     texts = {
         shared / "shared.h": "#ifndef SHARED_H\n#define SHARED_H\n\n#include <math.h>\n\n"

@@ -150,7 +150,7 @@ def loaded(chain: Chain) -> tuple[Environment, Array]:
 
 
 def test_seeded_mistakes_leave_a_residual(loaded: tuple[Environment, Array]) -> None:
-    """A transposed Km, the other half of [m], and body for hybrid axes: none is silent."""
+    """Transpose Km, take the other half of [m], or body for hybrid axes: none is silent."""
     environment, pose = loaded
     F, Km = environment.measured("hybrid", pose)
     of_body = environment.measured("body", pose)

@@ -29,7 +29,7 @@ def argued(file: str) -> set[str]:
 
 
 def found(source: Path, dump: Path) -> set[str]:
-    """The kinds of findings in a source and the headers that it includes."""
+    """Return the kinds of findings in a source and the headers that it includes."""
     require_program("cppcheck", "cppcheck")
     command = ["cppcheck", "--addon=misra", "--std=c99", "--enable=warning,portability", "--inconclusive", "--quiet"]
     command += [f"--cppcheck-build-dir={dump}", "--suppress=missingIncludeSystem", "-U__GNUC__"]

@@ -96,7 +96,7 @@ def test_comments_stay_comments(text):
 
 
 def test_no_name_of_a_robot_makes_a_function_equal_to_an_internal_one():
-    """A robot's public names are NAME_suffix; an internal name of that form needs a NAME that no robot can have."""
+    """Compare internal names with NAME_suffix: such a NAME must be one that no robot can have."""
     folder = ROOT / "generated" / "iiwa14"
     texts = {file.name: re.sub(r"/\*.*?\*/", "", file.read_text(), flags=re.S) for file in folder.glob("*.[ch]")}
     public = "".join(text for name, text in texts.items() if name.endswith(".h"))

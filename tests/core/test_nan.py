@@ -55,7 +55,7 @@ def test_every_dependent_entry_is_nan(kernel, value, chain, robot):
 
 
 def test_zeros_do_not_hide_a_nan(robot):
-    """A NaN meets exact zeros of the Jacobian and of the other arguments."""
+    """Let NaN meet exact zeros of the Jacobian and of other arguments: it is not hidden."""
     K = np.zeros((6, 6))
     for value in (np.nan, np.inf):
         with np.errstate(invalid="ignore"):
@@ -69,7 +69,7 @@ def test_zeros_do_not_hide_a_nan(robot):
 
 @pytest.mark.usefixtures("unoptimised")
 def test_an_infinite_slide_is_nan(tmp_path):
-    """A prismatic coordinate enters linearly, where an infinity would otherwise stay one."""
+    """Make a sliding coordinate infinite, which enters linearly: the results are NaN, not infinite."""
     urdf = tmp_path / "slide.urdf"
     urdf.write_text(
         '<robot name="slide"><link name="a"/><link name="b"/><link name="c"/>'
@@ -99,7 +99,7 @@ def test_what_overflows_is_nan_with_every_spring(types, tmp_path):
 
 
 def check_overflow(types, springs, tmp_path):
-    """Of slides, joints that mimic and springs: no result is infinite however large the arguments are."""
+    """Fail if a result is infinite, however large the arguments of slides, mimic joints and springs are."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf(types))
     opened = open_robot(stiffgen.generate(urdf, output=tmp_path, springs=springs, controller=False))

@@ -88,7 +88,7 @@ def test_wheel_needs_numpy_alone_and_works_anywhere(folder: Path, robot: ModuleT
 
 @pytest.fixture(scope="module")
 def prefix(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The C library installed, then moved."""
+    """Return the folder of the C library, installed and then moved."""
     work = tmp_path_factory.mktemp("installed")
     run(
         "cmake", "-S", folder, "-B", work / "build", "-DCMAKE_BUILD_TYPE=Debug", "-DIIWA14_DISPATCH=OFF", cwd=work
@@ -225,7 +225,7 @@ def test_no_tool(robot: ModuleType, tmp_path: Path, unoptimised: None) -> None:
 def test_a_project_without_a_build_type_gets_optimised_code(
     folder: Path, tmp_path: Path, options: tuple[str, ...], optimised: bool
 ) -> None:
-    """With add_subdirectory; a build type or a level of the user's own is kept."""
+    """Add the robot by add_subdirectory: optimised, unless the user states a build type or level."""
     (tmp_path / "CMakeLists.txt").write_text(
         f"cmake_minimum_required(VERSION 3.18)\nproject(app C)\nadd_subdirectory({folder} arm)\n"
     )

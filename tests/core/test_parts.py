@@ -25,7 +25,7 @@ SMALL = {"batches": False, "controller": False, "masses": False, "python": False
 
 
 def test_smallest_useful_folder_has_850_lines_of_c(tmp_path: Path) -> None:
-    """A page says so; the symmetric part of the stiffness takes 22 of them."""
+    """Count the lines of C of the smallest folder, as a page states them."""
     chosen = ["hybrid.joint_stiffness", "hybrid.jacobian"]
     folder = stiffgen.generate(URDF, output=tmp_path, kernels=chosen, **SMALL)
     assert {file.name for file in folder.iterdir()} == {
@@ -67,7 +67,7 @@ def names_in_controller(folder: Path) -> set[str]:
     ["one tip", *(pytest.param(robot, marks=pytest.mark.slow) for robot in FURTHER)],
 )
 def test_controller_brings_no_other_functions_than_it_calls(robot: str, tmp_path: Path) -> None:
-    """Of all functions that the robot can have, the listed ones are those that the C of its controller names."""
+    """Compare the controller's listed functions with those that its C names."""
     urdf, options = tmp_path / "arm.urdf", {}
     urdf.write_text(chain_urdf("rp"))
     if robot == "bounded spring":

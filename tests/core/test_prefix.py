@@ -60,7 +60,7 @@ def run(*command: str | Path) -> str:
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two robots of two versions of the generator, their files in one folder."""
+    """Return a folder with the files of two robots of two versions of the generator."""
     folder = tmp_path_factory.mktemp("pair")
     with pytest.MonkeyPatch.context() as patch:
         for name, robot, version in (("left", "iiwa14", "0.1.0"), ("right", "iiwa7", "9.9.9")):
@@ -75,7 +75,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def objects(pair: Path) -> dict[str, Path]:
-    """The sources, compiled, by the name of the file."""
+    """Return the compiled sources by the name of their file."""
     compiled = {}
     for stem in (
         f"{name}{part}"

@@ -72,7 +72,7 @@ def test_broken_files_are_refused_or_read(file, data, leaf):
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.wide) for seed in range(2, 6))])
 def test_stiffness_against_differentiation(file, seed):
-    """The casadi.Function of every kernel, against the oracles that a generated folder is verified with."""
+    """Verify the CasADi function of each kernel by the oracles of a generated folder."""
     chain = chain_of(random_robot(Plain(seed), 5), file)
 
     def over_samples(kernel):

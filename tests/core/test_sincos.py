@@ -203,7 +203,7 @@ def test_what_is_not_finite_is_nan_and_leaves_the_others_alone(sine_cosine):
 
 @pytest.mark.slow
 def test_coefficients_are_the_derived_ones(robot_folder):
-    """Every number that tests/campaigns/sine_cosine.py derives stands in the C code."""
+    """Look up each number that tests/campaigns/sine_cosine.py derives in the C code."""
     script = ROOT / "tests" / "campaigns" / "sine_cosine.py"
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
     source = (robot_folder / "iiwa14_lanes.h").read_text()

@@ -41,7 +41,7 @@ def crba(model, q):
 
 
 def with_tool(placement=True):
-    """The iiwa 14 in Pinocchio with the tool's frame and body added at link_ee."""
+    """Return Pinocchio's iiwa 14 with the tool's frame and body at link_ee."""
     model = pin.buildModelFromUrdf(str(URDF))
     flange = model.frames[model.getFrameId("link_ee")]
     tool = pin.SE3(pin.rpy.rpyToMatrix(*RPY), np.array(XYZ)) if placement else pin.SE3.Identity()
@@ -150,7 +150,7 @@ def test_dual_arm_shares_one_q(dual):
 @pytest.mark.slow
 @pytest.mark.parametrize("runtime_tool", [pytest.param(False, marks=pytest.mark.wide), True])
 def test_dual_arm_folder(runtime_tool, tmp_path):
-    """The compiled module: every oracle for every tip, the total, and its namespaces."""
+    """Compile a dual arm: all oracles of both tips and of the total, and the namespaces of its module."""
     options = {"tip": ["left hand", "right-hand"], "runtime_tool": runtime_tool}
     folder = stiffgen.generate(DUAL, output=tmp_path, controller=False, **options)
     robot = open_robot(folder).module
@@ -182,7 +182,7 @@ def test_dual_arm_folder(runtime_tool, tmp_path):
 
 
 def test_a_tip_on_the_way_to_another():
-    """The elbow's link and the hand: one chain inside the other."""
+    """Take the elbow's link and the hand as tips: one chain lies inside the other."""
     chain = stiffgen.load_chain(URDF, tip=["link_4", "link_ee"])
     assert chain.dof == 7
     assert len(chain.branch(chain.tips[0]).joints) == 4
@@ -195,7 +195,7 @@ def test_a_tip_on_the_way_to_another():
 
 @pytest.mark.slow
 def test_references_see_a_wrong_tool_point(robot):
-    """The oracle moves with the tool: kernels of the flange fail against references at the tool."""
+    """Verify kernels of the flange against references at the tool: they must fail."""
     chain = stiffgen.load_chain(URDF, tool=TOOL)
     checks = check_robot(kernels_of(robot, chain), chain, 3, 0)
     failed = {check.kernel for check in checks if not check.passed}

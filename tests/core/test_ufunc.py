@@ -41,7 +41,7 @@ every_result = pytest.mark.parametrize(
 
 
 def result_of(kernel, index, chain, robot):
-    """The kernel's ufunc as a function of one result."""
+    """Return the kernel's ufunc as a function of one result."""
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     if ufunc.nout == 1:
         return ufunc
@@ -73,7 +73,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.qualified_name)
 def test_arguments_by_name(kernel, chain, robot, samples):
-    """In any order, some or all of them; with NumPy's own keywords; for stacks and single calls; the names told."""
+    """Pass arguments by name in any order, beside NumPy's own keywords, for stacks and single calls."""
     ufunc = kernels_of(robot, chain)[kernel.qualified_name]
     stacks, names = arguments(kernel, samples), [argument.name for argument in kernel.arguments]
     expected = ufunc(*stacks)
@@ -148,7 +148,7 @@ PACKED = [kernel for kernel in KERNELS if kernel.batch and any(result.symmetric 
 
 @pytest.mark.parametrize("kernel", PACKED, ids=[kernel.qualified_name for kernel in PACKED])
 def test_packed(kernel, chain, robot, samples):
-    """The batch's own numbers, entry by entry where the header says that they are; for one configuration, too."""
+    """Compare packed results with the batch's own numbers, entry by entry."""
     packed, whole = (kernels_of(robot, chain)[kernel.qualified_name + suffix] for suffix in ("_packed", ""))
     assert packed is getattr(robot.packed, kernel.qualified_name)
     stacks = arguments(kernel, samples)

@@ -61,5 +61,5 @@ def test_a_joint_without_a_force_that_shares_its_coordinate(tmp_path: Path) -> N
     ],
 )
 def test_random_robots(seed: int, width: str, tmp_path: Path) -> None:
-    """Of every kind, two of them with such a joint."""
+    """Check random robots of each kind with the memory sanitizer."""
     check(seed, width, tmp_path)

@@ -99,7 +99,7 @@ def test_a_leader_without_limits_has_those_of_its_followers(unstated: str, tmp_p
 
 @pytest.mark.parametrize("number", ["0", "-1", "inf"])
 def test_rounding_bounds_hold_for_fast_joints_without_a_velocity_limit(number: str, tmp_path: Path) -> None:
-    """At 30 rad/s an elbow was beyond bounds that held at rest alone."""
+    """Move an elbow at 30 rad/s without a velocity limit: bounds hold. Before, they held at rest alone."""
     text = replaced((ELBOW, 'effort="20" velocity="{0}"'), ('velocity="3"', 'velocity="{0}"'))
     chain = load_chain(written(tmp_path, text.format(number)), tip="hand")
     kernel = next(each for each in chain_kernels(chain) if each.qualified_name == "bias_forces")

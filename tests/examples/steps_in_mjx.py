@@ -31,7 +31,7 @@ def iiwa(once: Once) -> ModuleType:
 
 @pytest.mark.slow
 def test_a_motion_into_a_wall_is_that_of_mujoco(iiwa: ModuleType) -> None:
-    """Both steps are the same formula: 30 steps of 10 ms, the tip in contact at their end."""
+    """Move into a wall in 30 steps of 10 ms: MJX and MuJoCo agree."""
     model = implicit.arm(0.01, wall=True)
     (task,) = implicit.tasks(iiwa, 0.05, 0.5, 1e4, count=1)
     arm, other = stepped.functions(iiwa), mjx.put_model(model, impl="jax")
@@ -51,7 +51,7 @@ def test_a_motion_into_a_wall_is_that_of_mujoco(iiwa: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_the_tangent_stands_in_mjx_what_it_stands_in_mujoco(iiwa: ModuleType) -> None:
-    """In contact at 10 ms, within one step of the search of the page's table."""
+    """Search the largest stable stiffness in contact at 10 ms: the page's, within one step."""
     search = stepped.searching(iiwa, wall=True)
     for away, turn in ((0.05, 0.5), (0.15, 1.2)):
         cell = implicit.Cell(away, turn, 0.01, wall=True)

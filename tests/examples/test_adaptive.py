@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_greed_is_bounded(robot):
-    """What gives out more than two joules with a large tank gives out none of them with a small one."""
+    """Run the greedy learner: more than 2 J with a large tank, none beyond a small one."""
     free = adaptive.simulate(robot, adaptive.greedy, adaptive.HUGE, duration=8.0)
     bound = adaptive.simulate(robot, adaptive.greedy, adaptive.TANK, duration=8.0)
     assert free.fault == bound.fault == 0

@@ -71,7 +71,7 @@ def test_the_hands_keep_their_distance(
 
 @pytest.mark.slow
 def test_by_themselves_they_do_not(arms: ModuleType) -> None:
-    """A way as poses of the hands: each goes straight to its own, centimetres off the grasp."""
+    """Move each hand to its own pose: they come off the grasp by centimetres, as they must not with Carry."""
     follow, goal = ready(arms), turned((-0.3, 0, 0), 0, -np.pi / 2)
     q0, _ = follow.run(pose=np.tile(goal @ two_arms.grasps(), (5000, 1, 1, 1)))
     a, b = (getattr(arms, f"{side}_{two_arms.IIWA.tip}").forward_kinematics(q0)[:, :3, 3] for side in two_arms.SIDES)
@@ -92,7 +92,7 @@ def test_out_of_reach_they_wait_together_and_come_back(arms: ModuleType) -> None
 
 @pytest.mark.slow
 def test_what_is_wrong_is_refused(arms: ModuleType) -> None:
-    """The way goes on to the last good pose."""
+    """Give wrong poses on the way: refused, and the way goes on to the last good one."""
     follow, goal, grasp = ready(arms), turned((0, 0, 0.3), 1, 0.0), two_arms.grasps()
     carried(arms, follow, goal, 0.5)
     before = follow.q0

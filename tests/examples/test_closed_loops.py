@@ -97,7 +97,7 @@ def five_bar_motors(x: np.ndarray, y: float) -> np.ndarray:
 
 @pytest.mark.slow
 def test_stiffness_is_the_change_of_the_torque_as_the_motors_turn() -> None:
-    """A wrench that does not turn, without a spring: the tangent of -G^T J^T F with respect to the motors."""
+    """Compare the stiffness of a constant wrench with differences of -G^T J^T F over the motors."""
     robot, start = example.ankle(), np.array([-0.5, -0.4])
     q = np.array(robot.close(start, robot.chain.start)).ravel()
     stiffness = np.array(robot.motors.joint_stiffness(q, example.LOAD, np.zeros((6, 6))))
@@ -254,7 +254,7 @@ def test_each_sine_of_a_stiffness_is_computed_once(tmp_path: Path) -> None:
 
 
 def test_joints_beside_the_way_to_the_tip_do_not_count() -> None:
-    """An ankle's rods and cranks: before, verify took the joints of the loops for the tip's, and its measure was 0."""
+    """Verify an ankle with rods and cranks. Before, the loops' joints counted as the tip's."""
     kernels = example.ankle()
     references = References(kernels.chain, 3, 5)
     expected = references.of(manipulability)

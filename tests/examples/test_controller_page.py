@@ -35,7 +35,7 @@ def test_figures_are_those_of_the_page() -> None:
 
 
 def test_c_of_the_page(robot: ModuleType, tmp_path: Path) -> None:
-    """The three lines compile in a function that has the structs, and initialise and step the controller."""
+    """Compile the page's three lines of C, and run them."""
     (lines,) = (block.code for block in blocks(ROOT / "docs" / "controller.md") if block.language == "c")
     structs = "".join(
         f"    iiwa14_impedance_{each} {each} = {{0}};\n" for each in ("config", "state", "input", "output")
@@ -62,7 +62,7 @@ def test_c_of_the_page(robot: ModuleType, tmp_path: Path) -> None:
 
 
 def test_python_of_the_page(robot: ModuleType) -> None:
-    """Ten lines hold an arm still where it is, and Follow rests at the pose that it is given."""
+    """Run the page's ten lines: the arm stays, and Follow rests at its pose."""
     q, sent = np.full(7, 0.3), []
     names = {
         "iiwa14": robot,
@@ -88,7 +88,7 @@ def test_length() -> None:
 
 
 def test_tests_that_the_page_names_exist() -> None:
-    """The safety case stands on them: the page, and docs/hazards.csv."""
+    """Look up the tests that the safety case names, on the page and in docs/hazards.csv."""
     tests = "".join(file.read_text() for file in files_of_tests())
     with (ROOT / "docs" / "hazards.csv").open() as file:
         hazards = list(csv.DictReader(file))

@@ -88,7 +88,7 @@ def test_antisymmetric_part_is_zero_or_the_closed_form(traces: dict[str, np.ndar
 
 @pytest.mark.slow  # the whole experiment
 def test_the_kernels_on_both_paper_trials_states(plate: ModuleType, traces: dict[str, np.ndarray]) -> None:
-    """Also on the corrected trial's states; and symmetric and antisymmetric part add up to the controller's."""
+    """Compare both formulas on both trials' states; both parts add up to the controller's."""
     traces = {name: values[traces["trial"] < 2] for name, values in traces.items()}
     q, wrench = traces["q"], traces["wrench_used"]
     formula = plate.hybrid.joint_stiffness_uncorrected(q, wrench, trial.TASK_STIFFNESS)
@@ -201,7 +201,7 @@ def test_picture_where_there_is_a_renderer(rendered: Path) -> None:
 
 @pytest.mark.slow
 def test_the_readmes_picture(rendered: Path, tmp_path: Path) -> None:
-    """The arm, the bowl and the ellipsoid, drawn anew; a weaker push draws another ellipsoid."""
+    """Draw the picture anew: arm, bowl and ellipsoid; a weaker push gives another ellipsoid."""
     committed = (ROOT / "docs" / "iiwa_bowl.png").read_bytes()
     code = (
         "import sys; from pathlib import Path; from examples import wiping_picture as picture;"
@@ -239,7 +239,7 @@ def test_one_millisecond(plate: ModuleType) -> None:
 
 
 def test_reference() -> None:
-    """The approach starts and ends at rest, the wipe is the record, and velocities are those of the positions."""
+    """Check the reference: rest at both ends of the approach, the record in the wipe, consistent velocities."""
     for sample_time in (0.005, 0.001):
         plan = trajectory.motion(sample_time)
         np.testing.assert_array_equal(plan.q0[0], START_POSTURE)
@@ -299,7 +299,7 @@ def test_the_tip_can_be_taken_elsewhere(plate: ModuleType) -> None:
 
 
 def test_worst_per_moment(plate: ModuleType) -> None:
-    """No direction of the moment exceeds it, and one reaches it."""
+    """Draw directions of the moment: none exceeds the stated worst, and one reaches it."""
     q = trajectory.recorded()[1400:1401]
     directions = np.random.default_rng(0).normal(size=(20000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -51,7 +51,7 @@ def test_the_callback_solves_the_implicit_step(name: str, iiwa: ModuleType) -> N
 
 
 def test_the_positive_tangent_stands_stiffness_that_others_do_not(iiwa: ModuleType) -> None:
-    """In contact at 10 ms: beyond 10 times the limit of explicit steps, and that of J^T K J."""
+    """Search the limits in contact at 10 ms: beyond 10 times those of explicit steps and of J^T K J."""
     near = implicit.Cell(0.05, 0.5, 0.01, wall=True)
     for cell in (near, FAR):
         assert stable(iiwa, "explicit", cell, 1e3)

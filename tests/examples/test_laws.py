@@ -97,7 +97,7 @@ FORMULAS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_the_law_is_its_formula(name: str, panda: ModuleType) -> None:
-    """At states near the goal and far from it, alone and in a batch."""
+    """Compare the law with its formula, near the goal and far, alone and in a batch."""
     random = np.random.default_rng(5)
     for size in (1e-3, 0.1, 0.8):
         goal = laws.State.of(panda, laws.HOME + random.uniform(-0.3, 0.3, 7))
@@ -233,7 +233,7 @@ def test_names_without_a_preset_are_refused(robot: ModuleType) -> None:
 
 
 def test_quaternions_of_rotations_at_every_angle() -> None:
-    """Against SciPy, at half turns too, where the scalar part is zero."""
+    """Compare quaternions with SciPy's, half turns included."""
     random = np.random.default_rng(7)
     axes = random.normal(size=(40, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
@@ -252,7 +252,7 @@ first_or_all = pytest.mark.parametrize("count", [1, pytest.param(None, marks=pyt
 @pytest.mark.slow
 @first_or_all
 def test_the_table_is_that_of_the_page(panda: ModuleType, count: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The replay near the goal differs by millimetres, as the page says."""
+    """Recompute the page's table; its replay near the goal differs by millimetres."""
     monkeypatch.setattr(laws, "LAWS", dict(islice(laws.LAWS.items(), count)))
     page = (laws.PANDA.parents[2] / "docs" / "policies.md").read_text()
     for row in laws.rows(panda):
@@ -264,7 +264,7 @@ def test_the_table_is_that_of_the_page(panda: ModuleType, count: int | None, mon
 def test_presets_serve_goals_as_the_page_says(
     panda: ModuleType, count: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The controller designs its own damping, and its port interpolates: millimetres from the law's motion."""
+    """Serve goals by the presets: millimetres from the law's motion, with the controller's own damping."""
     monkeypatch.setattr(laws, "PRESETS", dict(islice(laws.PRESETS.items(), count)))
     page = (laws.PANDA.parents[2] / "docs" / "policies.md").read_text()
     for row in laws.served_rows(panda):

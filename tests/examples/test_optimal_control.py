@@ -25,7 +25,7 @@ def graph():
 
 @pytest.fixture(scope="module")
 def as_numpy(graph):
-    """What the example takes of the NumPy module, by CasADi: nothing is compiled."""
+    """Return what the example takes of the NumPy module, by CasADi, without compiling."""
 
     def forward_kinematics(q):
         return np.array([np.array(graph.forward_kinematics(each)) for each in np.atleast_2d(q)])
@@ -46,7 +46,7 @@ def as_numpy(graph):
 
 @pytest.mark.slow
 def test_solution_with_few_knots(graph, as_numpy):
-    """By the graph and exact Hessians: the tool where it has to be, positive definite, far nearer than the constant."""
+    """Solve with few knots and exact Hessians: tool in place, positive definite, nearer than the constant."""
     task = problem.bowl_task(as_numpy, 3)
     found = problem.solve(graph, as_numpy, task, exact_hessian=True)
     assert feasible(as_numpy, task, found)
@@ -65,7 +65,7 @@ def test_solution_with_few_knots(graph, as_numpy):
 
 
 def test_load_is_that_of_the_bowl_on_the_tool(graph, as_numpy):
-    """It pushes back along the tool's axis, and friction is against the way it goes."""
+    """Check the load: back along the tool's axis, and friction against the motion."""
     task = problem.bowl_task(as_numpy, 5)
     axis = task.poses[:, :3, 2]
     assert np.all((task.wrenches[:, :3] * axis).sum(1) < 0)

@@ -34,7 +34,7 @@ def poses(q: np.ndarray) -> np.ndarray:
 
 
 def test_the_replayed_trajectory_lies_20_mm_lower(robot: ModuleType) -> None:
-    """By MuJoCo; and the documented inverse kinematics makes it anew from the recording."""
+    """Replay in MuJoCo: 20 mm lower; the documented inverse kinematics makes the trajectory anew."""
     before, after = trajectory.recorded(), trajectory.zero_force()
     moved = poses(after[::10])[:, :3, 3] - poses(before[::10])[:, :3, 3]
     assert abs(moved[:, 2].mean() + 0.020) < 1e-4
@@ -117,7 +117,7 @@ def test_each_seeded_fault_breaks_a_bar(ball_folder: Path, traces: dict[str, tri
 
 @pytest.mark.wide(instead="test_the_replayed_trajectory_lies_20_mm_lower")
 def test_the_cartesian_law(ball_folder: Path, traces: dict[str, trial.Trace]) -> None:
-    """Its stiffness at the equilibrium is J^T K J and the posture's share, and its torque is the applied one."""
+    """Compare the law at equilibrium with J^T K J and the posture's share, and its torque with the applied one."""
     robot = open_robot(ball_folder).module
     law = trial.CartesianLaw(robot, trial.TASK_STIFFNESS, trial.TASK_DAMPING, 1.0, 0.1)
     q = trajectory.START

@@ -56,7 +56,7 @@ def test_zero_command_lets_the_arm_float() -> None:
 
 
 def test_coriolis_torques_are_compensated() -> None:
-    """What is left of the dynamics is M(q) ddq = torque, also in fast motion."""
+    """Move fast: what is left of the dynamics is M(q) ddq = torque."""
     plant = bowl_plant(surface=False, q=ABOVE)
     plant.data.qvel[:] = np.linspace(1, 2, 7)
     torque = np.linspace(-5, 5, 7)
@@ -78,7 +78,7 @@ def test_coriolis_torques_are_compensated() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("timestep", [0.001, 0.005])
 def test_pressing_with_a_known_force(plate: ModuleType, timestep: float) -> None:
-    """A force command J^T f down into the bowl: at rest the environment answers with -f, in sensor and contacts."""
+    """Press into the bowl by J^T f: at rest the environment answers with -f, in sensor and contacts."""
     plant = bowl_plant(timestep)
     assert not plant.in_contact
     for _ in range(round(4 / timestep)):
@@ -112,7 +112,7 @@ def test_sensor_agrees_with_the_contacts_in_motion(plate: ModuleType) -> None:
 
 
 def test_a_push_on_the_tool_shows_in_the_sensor(plate: ModuleType) -> None:
-    """The sign, without any contact code: an external force on the tool's mass is what the environment applies."""
+    """Push the tool's mass without contact: the sensor reads what the environment applies, with its sign."""
     plant = bowl_plant(surface=False, q=ABOVE)
     tool = plant.model.body("tool").id
     force, moment = np.array([3.0, -5.0, 7.0]), np.array([0.2, 0.5, -0.4])

@@ -21,7 +21,7 @@ TRANSLATION, ROTATION = np.diag([700.0, 700, 800]), np.diag([30.0, 30, 30])
 
 @pytest.mark.slow
 def test_inertia_and_bias_are_mujocos(robot_folder: Path, tmp_path: Path) -> None:
-    """Two readers of the URDF, two dynamics: mass matrix to 1e-9, Coriolis and centrifugal forces to 1e-6."""
+    """Compare two readers and two dynamics: mass matrix to 1e-9, Coriolis and centrifugal forces to 1e-6."""
     free, random = Loop(tmp_path, robot_folder, FREE, KERNELS), np.random.default_rng(3)
     other = Plant()
     other.model.opt.gravity[:] = 0
@@ -37,7 +37,7 @@ def test_inertia_and_bias_are_mujocos(robot_folder: Path, tmp_path: Path) -> Non
 
 
 def test_mujoco_sees_the_same(loop: Loop) -> None:
-    """A load and a jump of q0 with MuJoCo's dynamics: the same motion to 1e-4 rad."""
+    """Load and move in both simulations: the same motion to 1e-4 rad."""
     load, wanted = np.array([5.0, -3, -20, 1, 0.5, -1]), Q0 + 0.2
     config = loop.config(motor_inertia=MOTOR, position_quantum=0.0)
     rows = loop.run(2000, loop.segments({"load": load}, {"start": 300, "wanted": wanted}), configs=config, rows=True)[1]

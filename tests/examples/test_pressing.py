@@ -17,7 +17,7 @@ def rms(found: pressing.Pressed) -> float:
 
 @pytest.mark.slow
 def test_the_sensor_finds_a_bowl_that_stands_too_low(plate: ModuleType) -> None:
-    """Two seconds of the sweep; the springs alone are off by what 5 mm make of 800 N/m."""
+    """Sweep 2 s over a bowl 5 mm too low: the sensor holds the force, springs alone are off by 800 N/m x 5 mm."""
     alone, pressed = (pressing.wipe(plate, press=press, end=5.0) for press in (False, True))
     assert alone.fault == pressed.fault == 0
     print(pressing.said("springs alone", alone), pressing.said("Press", pressed), sep="\n")

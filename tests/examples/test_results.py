@@ -61,7 +61,7 @@ def test_every_table_has_its_section_and_its_command() -> None:
 def test_numbers(
     section: str, robot: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    """The same text, to the digits shown."""
+    """Recompute a section: the same text, to the digits shown."""
     monkeypatch.setattr(results, "_iiwa", lambda: robot)
     monkeypatch.setattr(stiff_postures, "panda", lambda: request.getfixturevalue("panda"))
     assert results.table(section, tmp_path) == shown(section)
@@ -85,7 +85,7 @@ def test_numbers_in_contact(robots: Path) -> None:
 
 @pytest.mark.wide(instead="test_numbers")
 def test_numbers_of_the_adversary() -> None:
-    """The page's command, by its first columns; what a climb comes to differs between processors."""
+    """Run the page's command: the first columns agree; what a climb finds differs between processors."""
     (options,) = re.findall(r'NAME=energy OPTIONS="(.*?)"', PAGE.replace("\n", " "))
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests" / "campaigns" / "energy.py"), *options.split(), "--workers", "2"],

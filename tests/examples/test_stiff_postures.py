@@ -35,7 +35,7 @@ def test_equal_springs_without_a_load_are_the_published_case(cases: tuple[Arm, .
 
 @pytest.mark.slow
 def test_the_descent_ends_in_the_valley_of_the_self_motion(cases: tuple[Arm, ...]) -> None:
-    """The tip stays, and no posture between start and end, or 0.2 rad beyond, is stiffer."""
+    """Descend along the self-motion: the tip stays, and no posture on the way or 0.2 rad beyond is stiffer."""
     for arm in cases:
         found = arm.stiffest(arm.slopes)
         off = arm.robot.forward_kinematics(found) - arm.robot.forward_kinematics(arm.start)

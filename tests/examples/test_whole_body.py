@@ -104,7 +104,7 @@ def test_no_rest_is_refused(stance: Stance) -> None:
 
 
 def test_identification_finds_modes_that_are_known() -> None:
-    """Two that swing, one of them damped, and one that grows."""
+    """Identify three known modes: two swing, one of them damped, and one grows."""
     time = 0.004 * np.arange(400)
     shapes = np.array([[1.0, 2, -1], [0.5, -1, 0.2], [1, 1, 1]])
     parts = np.array([np.cos(20 * time + 0.3), np.exp(-time) * np.cos(31 * time), 0.1 * np.exp(2 * time)])
@@ -156,7 +156,7 @@ def test_at_rest_the_ground_gives_what_the_law_asks(solo: ModuleType) -> None:
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_whole_report(solo: ModuleType, tmp_path: Path) -> None:
-    """All bars hold, and the page's pictures are those drawn now."""
+    """Run the report: all bars hold, and the page's pictures are those drawn now."""
     folder = str(Path(str(solo.__file__)).parent)
     assert main(["--robot", folder, "--output", str(tmp_path)]) == 0
     assert (tmp_path / "tables.txt").is_file()

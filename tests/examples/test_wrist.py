@@ -55,7 +55,7 @@ def test_the_limit_is_that_of_the_linearised_body(case: wrist.Case) -> None:
 
 
 def test_the_limit_with_a_rod_is_that_of_three_matrices() -> None:
-    """The acceleration is M^-1 L (-Kp e - Kd w) with the inertia M of hand and rod."""
+    """Compare the limit with the eigenvalues of ddq = M^-1 L (-Kp e - Kd w), M of hand and rod."""
     built = wrist.Wrist(ROD, wrist.LAW, 1.0)
     mujoco.mj_forward(built.model, built.data)
     M = np.zeros((3, 3))
@@ -70,7 +70,7 @@ def test_the_limit_with_a_rod_is_that_of_three_matrices() -> None:
 
 
 def test_the_antisymmetric_part_is_what_the_page_says() -> None:
-    """From the work round a small loop about a rest at e about x: twice the part times the loop's area."""
+    """Go round a small loop about a rest at e: its work is twice the antisymmetric part times the area."""
     K, e, radius, t = np.diag([0.2, 2.0, 1.5]), 0.02, 1e-3, np.linspace(0, 2 * np.pi, 201)
     away, rate = np.stack([0 * t, np.cos(t), np.sin(t)], 1), np.stack([0 * t, -np.sin(t), np.cos(t)], 1)
     R = Rotation.from_rotvec(radius * away) * Rotation.from_rotvec([-e, 0, 0])

@@ -94,7 +94,7 @@ BOMBS = {
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A package beside files that it must not read; the working folder is empty."""
+    """Return a package beside files that it must not read; the working folder is empty."""
     folder = tmp_path / "arm"
     for each in (folder, tmp_path / "outside", tmp_path / "work"):
         each.mkdir()
@@ -152,7 +152,7 @@ def test_bombs_are_one_sentence_within_seconds(package, capsys, bomb):
 
 @pytest.mark.slow
 def test_every_entry_of_stiffgen_refuses(package, capsys, tmp_path):
-    """A file that is not named as a template is expanded on request alone; a template never runs a program."""
+    """Open a template by each entry: expanded on request alone, and no program runs."""
     for name in ("evil.urdf", "evil.urdf.xacro"):
         file = str(package / name)
         Path(file).write_text(ESCAPES["frames of a generator"])
@@ -201,7 +201,7 @@ HARM = {
 
 @pytest.mark.parametrize("harm", HARM)
 def test_the_process_may_do_no_harm(tmp_path, harm):
-    """The second wall: had an expression found a way out, Python itself would refuse."""
+    """Try to do harm in the expanding process: Python itself refuses, as a second wall."""
     (tmp_path / "kept").write_text("kept")
     text = f"import os, subprocess, socket\nfrom stiffgen.files.limits import forbid_harm\nforbid_harm()\n{HARM[harm]}"
     (tmp_path / "harm.py").write_text(text)

@@ -146,7 +146,7 @@ def test_the_largest_file_is_read_in_time(tmp_path, deep):
 
 @pytest.mark.slow
 def test_truncated_at_every_byte(tmp_path):
-    """Nothing but the trailing line end can be missing."""
+    """Cut a file after each byte: refused, except without its trailing line end."""
     data = ARM.encode()
     whole = data.rstrip()
     file = tmp_path / "arm.urdf"
@@ -160,7 +160,7 @@ def test_truncated_at_every_byte(tmp_path):
 
 
 def test_every_byte_replaced(tmp_path):
-    """By a byte that breaks text, and by one that breaks markup: an error or a description, nothing else."""
+    """Replace each byte by one that breaks text or markup: an error or a description, nothing else."""
     data = ARM.encode()
     file = tmp_path / "arm.urdf"
     refused = 0

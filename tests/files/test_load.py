@@ -27,7 +27,7 @@ LOAD = f"import stiffgen; print(stiffgen.load('arm.urdf', **{SMALL!r}).module.hy
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache, a robot's file, and a compiler that waits while the file ``wait`` exists."""
+    """Return an empty cache, a robot's file, and a compiler that waits while the file ``wait`` exists."""
     shutil.copy(URDF, tmp_path / "arm.urdf")
     compiler = tmp_path / "compiler"
     wait = "if [ -e wait ]; then touch started; while [ -e wait ]; do sleep 0.01; done; fi"
@@ -98,7 +98,7 @@ def test_what_the_name_of_an_entry_depends_on(here, monkeypatch):
 
 
 def test_what_generate_made_is_opened(here, monkeypatch, capsys):
-    """Also for a file of another folder; an entry of the cache depends on no package that compilation does not need."""
+    """Load a file that `generate` made, also of another folder: opened without its packages."""
     words = ["--kernels", "hybrid.jacobian", "--no-controller", "--no-batches", "--no-masses", "--output", "out"]
     assert main(["generate", "arm.urdf", *words, "--lock", "A3=0.1"]) == 0
     (made,) = cache.entries()
@@ -112,7 +112,7 @@ def test_what_generate_made_is_opened(here, monkeypatch, capsys):
 
 
 def test_generate_keeps_no_folder_that_load_could_not_make(here, monkeypatch):
-    """One without a module, one beside a cache that others write; a cache that cannot be written is no error."""
+    """Generate without a module, or beside a cache of others: not kept, and no error."""
     words = ["generate", "arm.urdf", "--kernels", "hybrid.jacobian", "--no-controller", "--no-batches", "--no-masses"]
     assert main([*words, "--no-build", "--output", "out"]) == 0
     assert main([*words, "--no-python", "--output", "plain"]) == 0
@@ -131,7 +131,7 @@ def test_generate_keeps_no_folder_that_load_could_not_make(here, monkeypatch):
     ["module", "manifest", *(pytest.param(name, marks=pytest.mark.wide) for name in ("header", "record", "absent"))],
 )
 def test_a_damaged_entry_is_made_again(here, capsys, damage):
-    """Also a compiled module that was cut short, which ends the process (SIGBUS) that imports it."""
+    """Damage an entry, also its compiled module (SIGBUS on import): it is made anew."""
     robot = stiffgen.load("arm.urdf", **SMALL)
     (module,) = (robot.folder / "python").glob("*.so")
     header, manifest, record = (robot.folder / name for name in ("iiwa14.h", "manifest.json", "../entry.json"))

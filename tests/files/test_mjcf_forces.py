@@ -64,7 +64,7 @@ CASES = {**PLAIN, **{f"clamp, {k}": v for k, v in CLAMPS.items()}, **DISABLED}
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_effort_is_available_in_both_directions(name: str, tmp_path: Path) -> None:
-    """MuJoCo's forces at all corners of the controls: the effort limit is the largest that both directions reach."""
+    """Drive all corners of MuJoCo's controls: the effort limit is the largest that both directions reach."""
     parts, actuator = CASES[name]
     file = model(tmp_path, actuator=actuator, **parts)
     m = mujoco.MjModel.from_xml_path(str(file))

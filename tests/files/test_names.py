@@ -182,7 +182,7 @@ def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["left_hand", "right_hand", "follower_1.2"])
 def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
-    """The package's list decides which of a folder's models it is, downloaded or copied."""
+    """Name a folder with several models: the package's list decides, downloaded or copied."""
     package = tmp_path / "site" / "mujoco_menagerie" / "__init__.py"
     package.write_text(package.read_text().replace("left_hand", model))
     for folder in (menagerie, tmp_path / "copy"):
@@ -195,7 +195,7 @@ def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
 
 @pytest.mark.slow
 def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
-    """Without the package's list: the file has a body and is no scene."""
+    """Find the model without the list: the file with a body that is no scene."""
     hand(tmp_path / "maker_hand")
     monkeypatch.setenv("MUJOCO_MENAGERIE_PATH", str(tmp_path))
     assert describe("maker_hand").robot == "left"

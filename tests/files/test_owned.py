@@ -25,7 +25,7 @@ root = pytest.mark.skipif(os.getuid() != 0, reason="only root gives files to ano
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder for the cache, in a user's folder that nobody else writes; temporary files beside it."""
+    """Return a cache in a user's folder that nobody else writes, with temporary files beside it."""
     for name in ("temporary", "home", "home/me"):
         (tmp_path / name).mkdir(mode=0o700)
     monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "home" / "me" / "cache"))

@@ -38,7 +38,7 @@ def package(folder: Path, name: str = "parts") -> Path:
 
 @pytest.fixture
 def template(tmp_path, monkeypatch):
-    """A template in above/it/ws/src/arm/urdf; the working folder holds packages, too."""
+    """Return a template in above/it/ws/src/arm/urdf; the working folder holds packages, too."""
     package(tmp_path / "cwd" / "parts")
     package(tmp_path / "cwd")
     (tmp_path / "named").mkdir()
@@ -78,7 +78,7 @@ STATED = {  # words of docs/robots.md, in the order of PLACES
 
 
 def test_the_page_states_the_order_of_the_search():
-    """The order of PLACES is that of the code (test_first_place_wins); the module's docstring has it, too."""
+    """Compare the page's order of places with the code's and the module's docstring."""
     page = (ROOT / "docs" / "robots.md").read_text()
     part = re.search(r"searches for the name in `package.xml`, in this order:\n(.*?)\n- ", page, re.DOTALL)[1]
     numbers = re.findall(r"(?m)^  (\d)\. ", part)
@@ -119,7 +119,7 @@ def test_two_of_a_name_in_a_place_are_refused(tmp_path, template, place):
 
 
 def test_names_are_those_of_package_xml(tmp_path, template):
-    """A folder's name counts where it has no package.xml, in places that the user names."""
+    """Name packages by folder and by package.xml: the folder counts only where the user names the place."""
     package(tmp_path / "named" / "parts", "another")
     with pytest.raises(PackageError):
         found(template, tmp_path)
@@ -171,7 +171,7 @@ def test_what_is_no_package_xml_is_passed_over(tmp_path, template, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", [".", "..", "elsewhere", "elsewhere/old", "/"])
 def test_a_robot_is_the_same_from_every_working_folder(tmp_path, monkeypatch, folder):
-    """Two packages of one name: the template includes its own, whatever the working folder and an empty variable."""
+    """Expand from several working folders with two packages of one name: always its own."""
     for place, length in (("arms/arm", "0.5"), ("arms/elsewhere/old/arm", "0.7")):
         package(tmp_path / place, "arm")
         (tmp_path / place / "length.xacro").write_text(

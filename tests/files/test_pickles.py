@@ -38,7 +38,7 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def shared(once: Once) -> Path:
-    """A cache that holds the iiwa 14."""
+    """Return a cache that holds the iiwa 14."""
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
@@ -50,7 +50,7 @@ def shared(once: Once) -> Path:
 
 @pytest.fixture(params=["cache", "folder"])
 def opened(request: pytest.FixtureRequest, shared: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """The call that opens the robot: from the cache, or the folder of a path with a dot and a percent sign."""
+    """Return the call that opens the robot: from the cache, or from a path with a dot and a percent sign."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(shared))
     if request.param == "cache":
         yield f"load({str(URDF)!r}, batches=False)"
@@ -90,7 +90,7 @@ def run(code: str, *arguments: str) -> str:
 
 @pytest.mark.slow
 def test_another_process_reads_all(opened: str, tmp_path: Path) -> None:
-    """Each value by a process that imported nothing of stiffgen before."""
+    """Unpickle each value in a process that imported nothing of stiffgen."""
     values = values_of(evaluated(opened))
     for name, value in values.items():
         (tmp_path / name).write_bytes(pickle.dumps(value))
@@ -111,7 +111,7 @@ def test_a_pool(method: str, opened: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_values_come_back_as_they_were(opened: str) -> None:
-    """In the same process: the same functions and classes, also after a second call that opens the robot."""
+    """Unpickle in the same process: the same functions and classes, also after opening twice."""
     robot = evaluated(opened)
     values = values_of(robot)
     again = evaluated(opened)

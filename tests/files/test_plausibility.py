@@ -101,7 +101,7 @@ def test_right_numbers_are_not_doubted(tmp_path: Path) -> None:
 
 
 def test_gravity_is_that_of_pinocchio(tmp_path: Path) -> None:
-    """An effort limit at Pinocchio's largest torque is no doubt, one at half of it is."""
+    """State an effort limit at Pinocchio's largest torque, and at half of it: only the latter is doubted."""
     (tmp_path / "arm.urdf").write_text(SOUND)
     model = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     random, data = np.random.default_rng(3), model.createData()

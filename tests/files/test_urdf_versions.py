@@ -116,7 +116,7 @@ DECIDING = {
 
 @pytest.mark.parametrize("name", DECIDING)
 def test_unknown_numbers_that_decide_the_robot_are_refused(name: str, tmp_path: Path) -> None:
-    """A relation or a bound under another name: the robot without them is another one. A limit's stall is a note."""
+    """Rename a relation or bound: refused, as the robot without it is another one; a stall is a note."""
     old, new, words = DECIDING[name]
     with pytest.raises(DescriptionError, match=words):
         load_chain(written(tmp_path, arm().replace(old, new, 1)), tip="tip")

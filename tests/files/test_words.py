@@ -326,7 +326,7 @@ def test_records_of_options_are_refused_without_flags(name: str) -> None:
 
 
 def test_the_command_line_keeps_its_own_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also where verify reads the robot's file again."""
+    """Refuse at the command line: options, not Python arguments, also where verify reads the file again."""
     file = written(tmp_path, replaced(('ixx="0.02"', 'ixx="2"')))
     for words in (
         ["generate", str(file)],
@@ -349,7 +349,7 @@ LONG = "left_arm_" + "_".join(f"segment_{k}" for k in range(18))  # 185 characte
 
 
 def test_names_to_be_copied_are_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In the remedy, in the list of tips, and in the sentence of inspect, up to its end."""
+    """Print long names in remedies, lists and sentences: whole, up to their end."""
     impossible = replaced(('ixx="0.02"', 'ixx="2"')).replace('"upper"', f'"{LONG}"')
     file = written(tmp_path, impossible)
     with pytest.raises(StiffgenError, match=rf"\(accept_inertia=\['{LONG}'\]\), or .*\(masses=False\)$"):
@@ -373,7 +373,7 @@ def test_names_to_be_copied_are_whole(tmp_path: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize("kind", ["urdf", "xacro", "mjcf"])
 @pytest.mark.parametrize("folder", ["missing", "arm.file", ""])
 def test_a_package_path_that_is_no_folder(kind: str, folder: str, tmp_path: Path) -> None:
-    """Also for a file that includes no package: the command is mistyped."""
+    """Give a package path that is no folder: refused, even if the file needs no package."""
     text = {"urdf": ARM, "mjcf": MODEL, "xacro": '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"/>'}[kind]
     file = written(tmp_path, text, "arm.xacro" if kind == "xacro" else "arm.file")
     written(tmp_path, text, "arm.file")
@@ -388,7 +388,7 @@ def test_a_package_path_that_is_no_folder(kind: str, folder: str, tmp_path: Path
 def test_load_takes_inertias_that_the_user_accepts(
     accepted: str | list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The generator learns which ones, and reads the robot: only the inertia of 'upper' is impossible."""
+    """Accept the inertia of 'upper' in load(): taken, and the robot is read."""
     monkeypatch.setenv("STIFFGEN_CACHE", str(tmp_path / "cache"))
     chains = []
 

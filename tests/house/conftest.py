@@ -14,7 +14,7 @@ from support.project import URDF, Once
 
 @pytest.fixture(scope="session")
 def derived(once: Once) -> Path:
-    """The iiwa 14 with derivatives and CUDA, compiled without optimisation."""
+    """Return the iiwa 14 with derivatives and CUDA, compiled without optimisation."""
 
     def make(output: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:

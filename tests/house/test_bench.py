@@ -46,7 +46,7 @@ def test_what_an_instruction_needs(
 
 
 def test_the_bound_is_that_of_the_busiest_units() -> None:
-    """By hand: two multiplications a cycle, one of 512 bits, six operations, one store of 256 bits."""
+    """Compute the bound by hand: two multiplications per cycle, one of 512 bits, six operations, one store."""
     assert least_cycles(Counter({FMA: 100})) == (50, "multiplications")
     assert least_cycles(Counter({Instruction("vmulpd", "zmm0,zmm1,zmm2"): 100})) == (100, "multiplications")
     assert least_cycles(Counter({Instruction("add", "rax,rbx"): 120})) == (20, "dispatch")
@@ -56,7 +56,7 @@ def test_the_bound_is_that_of_the_busiest_units() -> None:
 
 
 def test_instructions_are_counted_one_by_one(tmp_path: Path) -> None:
-    """A loop of known length: 3 + 7 turns of 3 instructions, and the return."""
+    """Count a loop of known length: 3 + 7 turns of 3 instructions, and the return."""
     require_program("gcc", "gcc")
     source = tmp_path / "known.c"
     source.write_text(

@@ -153,7 +153,7 @@ def test_the_recipes_kernel_is_right_on_the_smallest_robots_of_every_kind(tmp_pa
 def test_faults_that_one_arm_does_not_have_are_seen_on_the_smallest_robots_of_every_kind(
     fault: str, tmp_path: Path
 ) -> None:
-    """Before, nothing told that an iiwa shows three of them: it has no slide, mimic joint, base that moves or tool."""
+    """Seed faults that an iiwa does not show (slide, mimic, moving base, tool): the smallest robots do."""
     kinds = kinds_with_fault(tmp_path, fault)
     assert kinds and ("iiwa" in kinds) == (fault in list(FAULTS)[:3])
 

@@ -20,7 +20,7 @@ def without_comments(text: str) -> str:
 
 
 def test_names_are_printed_whole() -> None:
-    """A search for IIWA14_STATUS_ finds every status bit, and so for reasons. Before: ID(STATUS_...) and no other."""
+    """Search the C for IIWA14_STATUS_: each status bit is found, and each reason."""
     text = without_comments((GOLDEN / "iiwa14_impedance.c").read_text())
     assert "##" not in text
     assert not re.search(r"\bID\(", text)
@@ -31,7 +31,7 @@ def test_names_are_printed_whole() -> None:
 
 
 def test_every_field_of_the_memory_has_a_comment() -> None:
-    """Before: none of 110 had one."""
+    """Look for a comment at each field of the memory. Before: none of 110."""
     text = (GOLDEN / "iiwa14_impedance.h").read_text()
     for name, _, fields in RECORDS:
         (body,) = re.findall(rf"typedef struct {{([^}}]*)}} iiwa14_impedance_{name};", text)
@@ -43,7 +43,7 @@ def test_every_field_of_the_memory_has_a_comment() -> None:
 
 @pytest.mark.parametrize("number", ["1e-9", "1e-12", "1e6", "1000000", "1e3", "1000"])
 def test_small_and_large_numbers_have_a_name(number: str) -> None:
-    """Each stands in one definition, with its reason. Before: 1e-9 in 22 places, 1000000 in 8."""
+    """Look for bare numbers: each has one definition with its reason. Before: 1e-9 in 22 places."""
     bare = rf"(?<![\w.]){re.escape(number)}(?![\w.])"
     for file in LIBRARY:
         for line in without_comments(file.read_text()).splitlines():

@@ -45,7 +45,7 @@ def pages(which: list[Path]) -> pytest.MarkDecorator:
 
 
 def printed(page: Path, *languages: str) -> str:
-    """What the programs of these languages print, one after the other."""
+    """Return what the programs of these languages print, one after the other."""
     out, last = "", ""
     for block in BLOCKS[page]:
         if block.prints and last in languages:
@@ -171,7 +171,7 @@ def test_c_example_is_built_as_the_page_says(robot_folder: Path, tmp_path: Path)
 
 
 def project(folder: Path, robot_folder: Path) -> None:
-    """A scratch copy of the repository, with the files that the pages' reader is said to have."""
+    """Return a scratch copy of the repository, with the files that the pages' reader is said to have."""
     shutil.copytree(robot_folder.parent, folder / "generated")
     for name in ("urdf", "tests", "examples"):
         (folder / name).symlink_to(ROOT / name)
@@ -219,7 +219,7 @@ def check_packages(words: list[str]) -> None:
     ],
 )
 def test_commands(page: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every line runs in a scratch copy but those of make, pip and apt-get, whose words are looked up."""
+    """Run each command line of the pages; those of make, pip and apt-get are looked up."""
     seen = [line for other in PAGES[: PAGES.index(page)] for block in of(other, "sh") for line in commands(block)]
     lines = [line for block in of(page, "sh") for line in commands(block) if line not in seen]
     if any(not re.match(r"make |(\S*/)?pip |apt-get ", line) for line in lines):

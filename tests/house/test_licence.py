@@ -67,7 +67,7 @@ def test_the_licence_is_mit_alone() -> None:
 
 
 def test_generated_code_says_whose_it_is() -> None:
-    """The first line of every generated text; the page of its own says the same at length."""
+    """Read the first line of each generated text: it states whose the code is."""
     folder = ROOT / "generated" / "iiwa14"
     files = [file for file in sources() if file.startswith("generated/iiwa14/")] + [
         f"generated/iiwa14/{name}" for name in ("README.md", "CMakeLists.txt", "pyproject.toml")

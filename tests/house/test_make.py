@@ -55,7 +55,7 @@ def test_pip_gets_whole_arguments_and_its_failure_ends_make(tmp_path: Path) -> N
 
 
 def test_make_notices_what_is_installed(tmp_path: Path) -> None:
-    """A copy (``pip install '.[xacro]'``), another clone's link, no package at all; the link to this clone is kept."""
+    """Install a copy, another clone's link or nothing: make notices, and keeps the link to this clone."""
     packages = tmp_path / "lib" / "python3.11" / "site-packages"
     packages.mkdir(parents=True)
     link = packages / "_stiffgen.pth"
@@ -77,7 +77,7 @@ def test_make_notices_what_is_installed(tmp_path: Path) -> None:
 
 
 def test_pages_install_a_link_to_the_clone() -> None:
-    """A copy of the clone would hide later changes of its source from make."""
+    """Look at the pages' install lines: a link, as a copy would hide later changes from make."""
     pattern = re.compile(r"pip install(?:\s+-[^e\s]\S*)*\s+'?(\.[/\['\s`]|\./?stiffgen\b|\$)")
     for file in [
         ROOT / "README.md",
@@ -102,7 +102,7 @@ def locked_versions() -> dict[str, list[str]]:
 
 
 def test_the_lock_satisfies_the_package() -> None:
-    """Each dependency of pyproject.toml is locked at a version that it allows; none of yourdfpy's mesh libraries is."""
+    """Compare the lock with pyproject.toml: each dependency at an allowed version, no mesh libraries."""
     project = (ROOT / "pyproject.toml").read_text()
     required = (
         re.search(r'^requires = \["(.+)"\]', project, re.MULTILINE),

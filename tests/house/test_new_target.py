@@ -40,7 +40,7 @@ static void sine_cosine(const double *x, double *sine, double *cosine, int count
 
 @pytest.mark.slow
 def test_a_backend_s_own_template_comes_first(chain, tmp_path):
-    """Before, a new backend's header.h.j2 and macros.j2 were those of emit/c."""
+    """Give a new backend templates of known names: its own are used. Before: those of emit/c."""
     (tmp_path / "templates").mkdir()
     for file, text in (("macros.j2", "{% macro line() %}own{% endmacro %}"), ("helper.j2", "helper of {{ name }}")):
         (tmp_path / "templates" / file).write_text(text)

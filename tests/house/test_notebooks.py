@@ -36,7 +36,7 @@ def shown(book: nbformat.NotebookNode) -> list[tuple[str, list[str]]]:
     [pytest.param(path, id=path.stem, marks=() if path.stem == "my_robot" else pytest.mark.wide) for path in NOTEBOOKS],
 )
 def test_runs(notebook: Path, robot_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A notebook runs beside nothing but ``generated``, and shows what is committed, but for the numbers."""
+    """Run a notebook beside nothing but ``generated``: it shows what is committed, but for numbers."""
     (tmp_path / "generated").symlink_to(robot_folder.parent)
     monkeypatch.setenv("PYDEVD_DISABLE_FILE_VALIDATION", "1")  # no note of the kernel's debugger on frozen modules
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))  # the user's profile is neither read nor written

@@ -76,7 +76,7 @@ def test_numbers_of_a_page_are_those_of_its_receipts() -> None:
 
 
 def test_what_ci_cannot_run_has_a_receipt() -> None:
-    """A block that names such a run and has a number links to a receipt."""
+    """Look at blocks that state numbers of runs CI cannot make: each links to a receipt."""
     wrong = []
     for page, block in claims():
         runs = {found[1] or found[0] for found in ELSEWHERE.finditer(block)} - COMPARED.keys()

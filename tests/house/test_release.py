@@ -28,7 +28,7 @@ def installed_by_ci() -> set[str]:
 
 
 def test_the_container_has_the_packages_of_ci() -> None:
-    """Its own additions: git, which COPY's clone needs, and the C headers of Python."""
+    """Compare the container's packages with CI's; it adds git and Python's C headers."""
     dockerfile = (ROOT / ".devcontainer" / "Dockerfile").read_text()
     listed = re.search(r"--no-install-recommends \\\n(.*?)&&", dockerfile, re.DOTALL)
     assert listed
@@ -39,7 +39,7 @@ def test_the_container_has_the_packages_of_ci() -> None:
 
 
 def test_the_citation_names_the_journal() -> None:
-    """The paper's page in the journal, and the archive's number, wherever the archive is named."""
+    """Look for the journal's DOI wherever the archive's number is given."""
     assert "doi: 10.1177/02783649251393332" in (ROOT / "CITATION.cff").read_text()
     files = subprocess.run(
         ["git", "-C", str(ROOT), "ls-files", "*.md", "*.py", "*.cff"], capture_output=True, text=True, check=True
@@ -81,7 +81,7 @@ def test_the_workflow_runs_what_ci_runs() -> None:
 
 
 def test_the_release_stores_no_token() -> None:
-    """Only a tag starts it, and only the job that publishes, in an environment that a person approves, may identify."""
+    """Read the release workflow: a tag starts it, and only the approved publishing job may identify."""
     text = (ROOT / ".github" / "workflows" / "release.yml").read_text()
     workflow = yaml.load(text, yaml.BaseLoader)  # "on" is a key
     assert workflow["on"] == {"push": {"tags": ["v*.*.*"]}}

@@ -59,7 +59,7 @@ def site_module(name: str) -> ModuleType:
 
 @pytest.mark.wide(instead="tests/house/test_docs.py::test_every_block_says_its_language")
 def test_no_name_is_broken(tmp_path: Path) -> None:
-    """All pages, 1400 and 360 pixels wide; a name that is broken on purpose is found."""
+    """Draw all pages 1400 and 360 pixels wide: no name is broken; one broken on purpose is found."""
     require_chromium()
     command = [sys.executable, str(ROOT / "docs" / "site" / "build.py"), str(tmp_path)]
     subprocess.run(command, capture_output=True, check=True)
@@ -84,7 +84,7 @@ def test_no_name_is_broken(tmp_path: Path) -> None:
 
 
 def test_figures_with_panels_in_a_row_are_folded() -> None:
-    """Each panel keeps its elements and goes below the one before; rows, colour bars and common legends stay."""
+    """Fold figures for narrow pages: panels go below each other with all their elements."""
     module = site_module("narrow")
     texts = {name: (ROOT / "docs" / f"{name}.svg").read_text() for name in ("flutter", "adaptive", "measured")}
     folded = module.narrow(texts["flutter"])
@@ -111,7 +111,7 @@ def test_no_panel_of_a_folded_figure_loses_its_label() -> None:
 
 
 def test_a_build_begins_without_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A page of an older build, whose link leads nowhere by now, is gone and fails no check."""
+    """Leave a page of an older build with a dead link: it is gone, and no check fails."""
     monkeypatch.syspath_prepend(ROOT / "docs" / "site")
     pytest.importorskip("sphinx")
     build = site_module("build")

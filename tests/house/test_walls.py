@@ -114,7 +114,7 @@ def test_every_family_is_registered() -> None:
 
 
 def test_rooms_are_named_only_in_tables() -> None:
-    """A module that is called by name stands in a table, or in a call of ``optional``, ``part`` or ``needed``."""
+    """Look for modules named in text: only in tables, or in ``optional``, ``part`` and ``needed``."""
     calls = "optional|part|needed|is_there|_format|environment|files|map|import_module"
     called = re.compile(rf'(?:{calls})\([^"\n]*"[^"\n]*$')
     for module, file in modules().items():
@@ -137,7 +137,7 @@ def is_there(name: str, known: Mapping[str, Path]) -> bool:
 
 
 def test_dotted_names_in_texts_exist() -> None:
-    """A module that has moved leaves its old name behind in docstrings, messages and pages."""
+    """Look up dotted names in docstrings, messages and pages: a moved module leaves none behind."""
     known = modules()
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"), *PACKAGE.rglob("*.md")]
     wrong = [
@@ -177,7 +177,7 @@ def test_no_test_imports_a_test_and_each_lies_in_a_room() -> None:
 
 
 def test_a_conftest_imports_its_room_and_the_core_alone() -> None:
-    """What a room's tests share must not bring in another room."""
+    """Check the imports of each conftest: its room and the core."""
     tests = ROOT / "tests"
     files = list(tests.rglob("conftest.py"))
     named = re.compile(rf"^ *(?:from|import) stiffgen\.({'|'.join(ROOMS)})\b", re.MULTILINE)

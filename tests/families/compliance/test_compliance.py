@@ -101,7 +101,7 @@ def test_oracles_of_verify_see_a_wrong_sign(monkeypatch):
     ],
 )
 def test_smallest_scope(robot, tmp_path):
-    """With one joint or one motor H is a number. Closed loops remain closed where an angle is many turns away."""
+    """Evaluate robots with one joint or motor, where H is a number; loops stay closed many turns away."""
     chain = {**TREES, **LINKAGES}[robot].load(tmp_path)
     table = [each for each in chain_kernels(chain, FAMILY) if each.on_request]
     every = (*chain_kernels(chain), *table)
@@ -125,7 +125,7 @@ def test_far_angles_are_whole_turns(tmp_path, monkeypatch):
 
 
 def test_chen_and_kao_for_a_pure_force(ur5):
-    """Without a moment the conservative congruence transformation is symmetric, and the same."""
+    """Compare with the conservative congruence transformation: equal and symmetric without a moment."""
     random = np.random.default_rng(0)
     force = np.array([20.0, -30, 60, 0, 0, 0])
     for _ in range(10):
@@ -156,7 +156,7 @@ def at_origin(pose, wrench):
 
 
 def test_one_load_has_one_hessian(ur5):
-    """Before: the spatial compliance answered another load, 1 to 38 % off here."""
+    """Compare the spatial with the hybrid compliance of one load. Before, they answered two loads, 1 to 38 % apart."""
     random = np.random.default_rng(5)
     for _ in range(10):
         q = np.array([0, -1, 1.5, 0.3, 1, 0]) + random.uniform(-0.5, 0.5, 6)
@@ -171,7 +171,7 @@ def test_one_load_has_one_hessian(ur5):
 
 
 def test_a_straight_arm_beyond_its_load_is_refused_in_all_representations():
-    """Before: the spatial representation had a smallest eigenvalue of 27 N m/rad in place of -99, and a compliance."""
+    """Load a straight arm beyond its limit: NaN in all representations. Before: 27 N m/rad in place of -99."""
     chain = load_chain(ROOT / "urdf" / "iiwa14.urdf", tip="link_ee")
     model = StiffnessModel(chain, kernels="compliance")
     q, springs, push = np.zeros(7), 100 * np.eye(7), np.array([0, 0, -150.0, 0, 0, 0])
@@ -183,7 +183,7 @@ def test_a_straight_arm_beyond_its_load_is_refused_in_all_representations():
 
 
 def test_joint_quantities_have_no_spatial_form(tmp_path, unoptimised):
-    """The functions that went are refused with the reason: by --kernels, the model, the module and its wrappers."""
+    """Ask for removed functions: refused with the reason, by command, model, module and wrappers."""
     file = tmp_path / "tree.urdf"
     file.write_text(TREES["two tips on one way"].urdf)
     options = {"tip": TREES["two tips on one way"].options["tip"], "controller": False, "batches": False}
@@ -222,7 +222,7 @@ FURTHER = "one sliding joint", "two tips on one way", "two tips of one joint eac
     "robot", [pytest.param(robot, marks=pytest.mark.wide if robot in FURTHER else ()) for robot in SMALL]
 )
 def test_the_model_refuses_whole_results(robot, tmp_path):
-    """Before: entries of directions in which the tip cannot move stayed zeros in unstable postures (27 of 36)."""
+    """Evaluate unstable postures: the whole result is NaN. Before, 27 of 36 entries stayed zeros."""
     chain = SMALL[robot].load(tmp_path)
     pool = Samples(chain, 3, seed=0)
     for kernel in (each for each in chain_kernels(chain, FAMILY) if each.on_request):
@@ -373,7 +373,7 @@ def test_a_tip_that_cannot_move_in_all_directions_has_no_stiffness():
 @pytest.mark.slow
 @pytest.mark.usefixtures("unoptimised")
 def test_gradients_of_the_compliance_of_motors(tmp_path):
-    """In batches too, which were not printed before: against central differences, along closed configurations."""
+    """Compare gradients with central differences along closed configurations, in batches, too."""
     linkage, random, step = random_linkage(1), np.random.default_rng(0), 1e-5
     file = tmp_path / "linkage.urdf"
     file.write_text(linkage.urdf)

@@ -53,7 +53,7 @@ class Pinocchio:
 
 
 def test_gradients_of_a_direction_against_the_kernels_products(robot: ModuleType, chain, states) -> None:
-    """The cotangent u u^T of tip_compliance: another program, in reverse mode."""
+    """Compare with the VJP of tip_compliance for the cotangent u u^T: another program."""
     q, wrench, u = states
     options = KernelOptions(kernels=("hybrid.tip_compliance",), derivatives=True)
     compliance, product = (
@@ -90,7 +90,7 @@ def test_gradients_of_determinants_against_differences_by_pinocchio(robot: Modul
 
 
 def test_unstable_and_singular_postures_have_none(robot: ModuleType) -> None:
-    """Only the row that is unstable, or not finite, is NaN; a straight arm has no volume."""
+    """Mix unstable and infinite rows with good ones: only these are NaN; a straight arm has no volume."""
     q = np.array([np.full(7, 0.4), np.zeros(7), np.full(7, np.nan)])
     wrench = np.array([[0.0] * 6, [0, 0, -100.0, 0, 0, 0], [0.0] * 6])
     value, gradient = stiffgen.compliance_gradient(robot, q, wrench, np.full(7, 100.0), [1.0, 0, 0])

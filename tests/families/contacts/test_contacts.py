@@ -87,7 +87,7 @@ OF_SPRINGS = (
 
 @pytest.mark.parametrize(("group", "name"), [*((rep, "joint_stiffness") for rep in REPRESENTATIONS), *OF_SPRINGS])
 def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, group: str, name: str) -> None:
-    """Each tip's own function is held against differentiation and closed forms elsewhere."""
+    """Compare the total in one pass with the sum over tips, each verified elsewhere."""
     chain, kernel = setting.chain, setting.kernels[group, f"{name}_total"]
     assert kernel.by_tips is not None
     one_pass, by_tips = (casadi_function(chain, each) for each in (kernel, replace(kernel, program=kernel.by_tips)))
@@ -103,7 +103,7 @@ def test_one_pass_is_the_sum_over_the_tips(setting: SimpleNamespace, group: str,
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_symmetric_parts_of_task_stiffnesses_are_used(setting: SimpleNamespace, rep: str) -> None:
-    """Each entry of the upper triangles moved to the lower ones, 4 K and -2 K: the mean keeps its bits."""
+    """Move entries between the triangles, keeping their mean: the result keeps its bits."""
     chain, kernel = setting.chain, setting.kernels[rep, "joint_stiffness_total"]
     function = casadi_function(chain, kernel)
     given = arguments(chain, kernel, np.random.default_rng(5))
@@ -115,7 +115,7 @@ def test_symmetric_parts_of_task_stiffnesses_are_used(setting: SimpleNamespace, 
 
 
 def test_the_work_does_not_grow_with_the_tips(tmp_path: Path) -> None:
-    """Four tips on one chain of twenty joints cost little more than one: covectors and pairs are made once."""
+    """Count the operations of four tips on one chain: little more than of one."""
 
     def operations(tips: int) -> int:
         """Return the CasADi instructions of the total joint stiffness of a chain with that many tips."""
@@ -137,7 +137,7 @@ def test_the_work_does_not_grow_with_the_tips(tmp_path: Path) -> None:
 
 
 def test_a_sign_of_the_load_is_seen(setting: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each term of the covector broken once."""
+    """Break each term of the covector once: the comparison sees it."""
     chain, kernel = setting.chain, setting.kernels["hybrid", "joint_stiffness_total"]
     given = arguments(chain, kernel, np.random.default_rng(6))
     right = np.asarray(casadi_function(chain, kernel)(*given))

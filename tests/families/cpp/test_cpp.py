@@ -234,7 +234,7 @@ def program(name: str, chain: stiffgen.Chain, options: KernelOptions) -> str:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, list[str]]]:
-    """The folder of a robot with its test program, and its objects; each made once."""
+    """Return a function that gives a robot's folder with its test program and objects, each made once."""
 
     @cache
     def make(name: str) -> tuple[Path, list[str]]:
@@ -350,7 +350,7 @@ GIVEN = {"plain": "double q[7] = {}, F[6] = {}; ", "eigen": "Matrix<7> q; Matrix
     ],
 )
 def test_what_does_not_fit_is_refused_and_the_compiler_says_why(compiler, kind, made, tmp_path):
-    """One error for each case of REFUSED, in its line, with its reason; the cases of GOOD compile."""
+    """Compile the cases of REFUSED: one error each, with its reason; those of GOOD compile."""
     folder, _ = made("iiwa14")
 
     def compiled(cases: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -413,7 +413,7 @@ def test_two_robots_and_files_with_and_without_eigen_make_one_program(made, tmp_
 
 
 def test_the_self_check_covers_the_controller(robot_folder, tmp_path):
-    """Before: the kernels' check alone was called, so that a wrong build of the controller passed."""
+    """Break the controller's build: its self-check must fail. Before, only the kernels' was called."""
     source = tmp_path / "main.cpp"
     source.write_text(
         '#include "iiwa14.hpp"\n'

@@ -74,7 +74,7 @@ def test_golden_values(rep, golden, host):
 
 @pytest.mark.parametrize(("count", "spare"), [(1, 0), (37, 0), (131, 6)])
 def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
-    """Also with a stride beyond the count: nothing outside is read (NaN lies there) or written."""
+    """Compare each kernel with C, also with spare columns: nothing outside is read (NaN) or written."""
     samples = Samples(chain, count, seed=4)
     ufuncs = kernels_of(robot, chain)
     assert len(host.kernels) == 21 + 3 * len(JOINT_POTENTIALS)
@@ -89,7 +89,7 @@ def test_every_kernel_against_the_c_code(count, spare, host, robot, chain):
 
 @pytest.mark.slow
 def test_single_precision_is_one_record(host, chain, robot, tmp_path):
-    """A target with floats: no double is named, none computed with, and the values are those of doubles to 7 digits."""
+    """Generate CUDA in floats: no double in it, and values to 7 digits."""
     texts = render(chain, "iiwa14", GenerationOptions(scalar="float", cuda=True))
     source = tmp_path / "iiwa14.cu"
     for file in (source.name, "iiwa14_cuda.h"):
@@ -105,7 +105,7 @@ def test_single_precision_is_one_record(host, chain, robot, tmp_path):
 
 
 def test_an_equilibrium_for_each_configuration(host, robot, chain):
-    """As a stack for the C code; in columns with a stride of their own, at least the count."""
+    """Pass one equilibrium per configuration, in columns whose stride is at least the count."""
     samples = Samples(chain, 37, seed=5)
     ufuncs = kernels_of(robot, chain)
     springs = {name: kernel for name, kernel in host.kernels.items() if kernel.group == "spring"}
@@ -162,7 +162,7 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
     ],
 )
 def test_other_chains(case, compiler, tmp_path):
-    """Each configuration of a launch, against CasADi; matrices shared, and one for each configuration."""
+    """Compare launches of other chains with CasADi; matrices shared, and one per configuration."""
     if case != "two tips, tool at run time":
         urdf = tmp_path / "arm.urdf"
         urdf.write_text(chain_urdf("rprmrr"))
@@ -199,7 +199,7 @@ def test_other_chains(case, compiler, tmp_path):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_nan_and_infinity(value, host, chain, robot):
-    """As in the C code, entry by entry; and they stay in their configuration."""
+    """Spoil entries: NaN as in C, entry by entry, and only in their configuration."""
     samples = Samples(chain, 5, seed=2)
     ufuncs = kernels_of(robot, chain)
     for name, kernel in host.kernels.items():
@@ -221,7 +221,7 @@ def test_nan_and_infinity(value, host, chain, robot):
 
 @pytest.mark.slow
 def test_slides(tmp_path):
-    """A sliding joint's coordinate enters linearly, where an infinity would otherwise stay one; it needs no sine."""
+    """Make a sliding coordinate infinite: NaN, not infinity, without a sine."""
     for types in ("pp", "pr"):
         urdf = tmp_path / f"{types}.urdf"
         urdf.write_text(chain_urdf(types))
@@ -236,7 +236,7 @@ def test_slides(tmp_path):
 
 
 def test_nothing_to_do_and_refusals(host):
-    """No configuration writes nothing and succeeds; a stride below the count writes nothing and fails."""
+    """Launch no configuration: success, nothing written; a stride below the count fails."""
     kernel = host.kernels["hybrid_joint_stiffness"]
     out = np.full((28, 4), NOTHING)
     q, wrench, K = np.zeros((7, 4)), np.zeros((6, 4)), np.eye(6)
@@ -280,7 +280,7 @@ def test_a_chain_too_long_is_refused(tmp_path, capsys):
 
 
 def test_the_c_header(folder, tmp_path):
-    """The header is C99, without a warning."""
+    """Compile the header as C99 without a warning."""
     (tmp_path / "main.c").write_text('#include "iiwa14_cuda.h"\nint main(void) { return 0; }\n')
     command = [
         require_compiler("gcc"),
@@ -296,7 +296,7 @@ def test_the_c_header(folder, tmp_path):
 
 
 def test_fast_math_is_refused(folder, tmp_path):
-    """An optimisation that takes NaN for impossible does not compile."""
+    """Compile with an optimisation that takes NaN for impossible: refused."""
     command = [
         require_compiler("g++"),
         "-x",
@@ -330,7 +330,7 @@ def nvcc(*arguments, architecture="sm_80"):
     "architecture", ["sm_80", *(pytest.param(name, marks=pytest.mark.wide) for name in ("sm_90", "sm_100"))]
 )
 def test_nvcc(architecture, folder, tmp_path):
-    """No warning, and the iiwa 14's stiffness fits into registers, with a task stiffness per configuration, too."""
+    """Compile with nvcc: no warning, and the iiwa 14's stiffness fits into registers."""
     options = ("-Xptxas", "-v", "-c", folder / "iiwa14.cu", "-o", tmp_path / "o")
     resources = nvcc(*options, architecture=architecture)
     for kernel in ("hybrid_joint_stiffness_kernel", "hybrid_joint_stiffness_each_kernel"):
@@ -340,7 +340,7 @@ def test_nvcc(architecture, folder, tmp_path):
 
 @pytest.mark.slow
 def test_cmake(tmp_path):
-    """The option, in a project that calls a launch function from C (with a stride that is refused)."""
+    """Build a C project with CMake's CUDA option: its launch works, a bad stride is refused."""
     require_nvcc()
     few = {"kernels": "hybrid.jacobian", "controller": False, "masses": False}
     folder = stiffgen.generate(URDF, output=tmp_path, build=False, cuda=True, **few)

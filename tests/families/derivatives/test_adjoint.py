@@ -48,7 +48,7 @@ def of_types(folder, types, **options):
 
 
 def worst_error(chain, kernel, product, count, seed):
-    """Of a kernel's products at random states: the largest difference over the largest entry of the gradient."""
+    """Return the largest error of a kernel's products at random states, relative to the gradient's largest entry."""
     pool = argument_samples(chain, count, seed, OPTIONS)
     forward, backward = casadi_function(chain, kernel), casadi_function(chain, product)
     stacks = [columns(pool[a], a.array(chain).shape) for a in product.arguments]

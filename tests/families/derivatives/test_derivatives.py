@@ -88,7 +88,7 @@ def test_folder_is_verified(case, fewer, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_copies_of_entries_have_names_of_their_own(tmp_path):
-    """In a matrix of eleven columns entries 1, 11 and 11, 1 are two."""
+    """Print a matrix of eleven columns: entries (1, 11) and (11, 1) have two names."""
     urdf = tmp_path / "chain.urdf"
     urdf.write_text(chain_urdf("r" * 12))
     options = GenerationOptions(derivatives=True, controller=False, kernels=("hybrid", "mass_matrix"))

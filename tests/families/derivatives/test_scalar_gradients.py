@@ -59,7 +59,7 @@ def _exact_manipulability(tree, q):
 
 @pytest.mark.parametrize("elbow", [1.1, pytest.param(1e-3, marks=pytest.mark.wide), 1e-7], ids=["far", "near", "at"])
 def test_sixty_digits_close_to_a_singularity(elbow):
-    """With a straight elbow w is 0. Its error stays that of one rounding of J, which det(J J^T) loses."""
+    """Straighten the elbow: the error of w stays one rounding of J, which det(J J^T) would lose."""
     q = np.array([0.3, -0.7, 0.5, elbow, 0.9, -1.2, 0.4])
     chain = load_chain(URDF)
     tree, exact = ExactTree(URDF.read_text(), [c.name for c in chain.coordinates]), [mp.mpf(each) for each in q]
@@ -74,7 +74,7 @@ def test_sixty_digits_close_to_a_singularity(elbow):
 
 
 def test_measure_and_gradient_are_zero_where_w_is_zero(tmp_path):
-    """Six parallel sliding joints: exact zeros on the way give no NaN, but NaN in gives NaN out."""
+    """Take six parallel slides, where w is 0: exact zeros give no NaN, but NaN in gives NaN out."""
     file = tmp_path / "slides.urdf"
     file.write_text(chain_urdf("pppppp"))
     kernels, q = StiffnessModel(load_chain(file), kernels=MEASURE), np.linspace(-1, 1, 6)

@@ -82,7 +82,7 @@ def test_the_base_may_stand_anywhere(name, place, tmp_path):
 @pytest.mark.parametrize("name", ["turning", "sliding", "mimics"])
 @pytest.mark.parametrize("size", [1e-5, 1e-3])
 def test_robots_as_light_and_small_as_one_likes(name, size, tmp_path):
-    """All lengths times ``size``, all masses times 1e-6 / 1.5: a bead of 1e-6 kg at 1e-5 m moves a mass."""
+    """Shrink all lengths and masses down to a bead of 1e-6 kg at 1e-5 m: no check is fooled."""
 
     def scaled(element: ET.Element, attribute: str, factor: float) -> None:
         old = element.get(attribute, "").split()

@@ -72,7 +72,7 @@ def test_a_parallel_gripper(options: dict[str, Any], tmp_path: Path) -> None:
 
 
 def test_forces_that_are_zero_are_no_false_alarm(tmp_path: Path) -> None:
-    """The only joint turns a body about its centre of mass, so that the bias forces are zero but for rounding."""
+    """Turn a body about its centre: bias forces are rounding, and no alarm."""
     urdf = tmp_path / "wheel.urdf"
     urdf.write_text(
         '<robot name="wheel"><link name="a"/><link name="b"><inertial><mass value="1"/>'
@@ -114,7 +114,7 @@ ARM = (
 
 
 def test_terms_that_cancel_are_no_false_alarm(tmp_path: Path) -> None:
-    """At one of 200 states the energy of gravity is a small sum of large terms: 1.9e-12 of it is their rounding."""
+    """Verify a state whose energy of gravity nearly cancels (1.9e-12 left): no alarm."""
     urdf = tmp_path / "arm.urdf"
     body = BODY.format("l", 1.0).replace("0.1 0.02 0.2", "0.1 0 0").replace(' rpy="0.1 0.2 0.3"', "")
     urdf.write_text(ARM.format(body))

@@ -50,7 +50,7 @@ def test_values_at_the_edges(model):
 
 
 def test_the_limits_two_derivatives_are_continuous(model):
-    """At a zone's edge nothing jumps; at the limit the stiffness is what was asked for."""
+    """Cross a zone's edge: nothing jumps; at the limit the stiffness is the one asked for."""
     lower, upper, zone, k = np.full(7, -1.0), np.full(7, 1.0), 0.25, np.linspace(10, 70, 7)
     for q, share in ((0.75, 0.0), (0.75 + 1e-9, 4e-9), (0.875, 0.5), (1.0, 1.0), (1.25, 2.0), (-1.0, 1.0), (0.0, 0.0)):
         at = np.full(7, q)
@@ -83,7 +83,7 @@ def test_sums_are_those_of_one_potential(model):
 
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_not_finite_in_the_generated_code(robot, chain):
-    """What depends on an entry is NaN, single and in a stack, and nothing is infinite."""
+    """Spoil entries of the compiled functions: NaN what depends on them, and nothing infinite."""
     kernels = kernels_of(robot, chain)
     q, k = np.linspace(-0.4, 0.4, 7), np.full(7, 30.0)
     given = {"posture": [q, np.zeros(7), k], "limits": [q, np.full(7, -0.5), np.full(7, 0.5), np.array(0.3), k]}

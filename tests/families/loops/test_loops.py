@@ -99,7 +99,7 @@ def test_verify_projects_linkages_with_turned_joints(seed, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.wide)])
 def test_gradient_of_close(seed, tmp_path):
-    """Against 60 digits; verify agrees although motors stand near zero or loops do not close, and finds 1e-9."""
+    """Compare the gradient of `close` with 60 digits; verify finds an error of 1e-9 even near zero."""
     linkage = random_linkage(seed)
     file = tmp_path / "linkage.urdf"
     file.write_text(linkage.urdf)
@@ -157,7 +157,7 @@ def test_a_wrong_sign_is_found(fault, tmp_path, monkeypatch):
 
 
 def test_a_parallelogram_is_a_mimic_joint(tmp_path):
-    """The coupler of a parallelogram turns by minus the crank's angle."""
+    """Compare a parallelogram with a tree whose coupler turns by minus the crank's angle."""
     crank = link("crank", "ground", "0 0 0")
     tool = link("tool", "coupler", "0.3 0.1 0.2", '<axis xyz="0.6 0 0.8"/>')
     file = written(tmp_path, crank, link("coupler", "crank", "0.2 0.1 0"), link("rocker", "ground", "0.4 0 0"), tool)
@@ -189,7 +189,7 @@ def test_a_parallelogram_is_a_mimic_joint(tmp_path):
 
 
 def five_bar(folder: Path) -> Chain:
-    """Two cranks at a distance of 0.3 m with rods that meet in the point of the tip."""
+    """Return two cranks 0.3 m apart, whose rods meet at the tip."""
     links = [link("left", "ground", "0 0 0"), link("left_rod", "left", "0.2 0 0")]
     links += [link("right", "ground", "0.3 0 0"), link("right_rod", "right", "0.25 0 0")]
     links += ['<link name="tip"/><joint name="end" type="fixed"><parent link="left_rod"/><child link="tip"/>'
@@ -294,7 +294,7 @@ def on_circle(radius: float, angle: float) -> list[float]:
 
 @pytest.mark.slow
 def test_stewart_platform_against_its_closed_form(tmp_path):
-    """The lengths of the legs are a formula of the platform's pose; its inverse is differentiated."""
+    """Compare a Stewart platform with its legs' lengths as a formula of the pose, inverted and differentiated."""
     source = np.random.default_rng(3)
     links, loops, parent = [], [], "ground"
     for k, name in enumerate(("x", "y", "z", "roll", "pitch", "tip")):

@@ -57,7 +57,7 @@ def test_a_planar_loop_has_two_equations(tmp_path):
 
 @pytest.mark.parametrize("masses", [True, False])
 def test_vectors_of_joints_have_room_for_every_coordinate(masses, tmp_path):
-    """The C of posture and limits loops over coordinates in vectors that are sized by the joints."""
+    """Print posture and limits of a loop: vectors sized by joints have room for all coordinates."""
     bars = [bar.replace("/><joint", MASS + "<joint") for bar in (CRANK, COUPLER, ROCKER)]
     chain = loaded(tmp_path, *bars, loop=[LOOP], actuated=["crank"], masses=masses)
     of_coordinates = [k for k in chain_kernels(chain) if "posture" in k.qualified_name or "limits" in k.qualified_name]
@@ -66,7 +66,7 @@ def test_vectors_of_joints_have_room_for_every_coordinate(masses, tmp_path):
 
 
 def test_at_a_dead_centre_nothing_is_a_number(tmp_path):
-    """With crank and coupler in line, the rocker as motor has no finite leverage on the crank."""
+    """Align crank and coupler, the rocker as motor: no finite leverage, so NaN."""
     chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=[LOOP], actuated=["rocker"])
     names = ("residual", "joint_stiffness", "jacobian", "condition")
     model = StiffnessModel(chain, kernels=[f"motors.{name}" for name in names])
@@ -83,7 +83,7 @@ def test_at_a_dead_centre_nothing_is_a_number(tmp_path):
 
 
 def test_a_passive_joint_without_leverage_is_near_a_singularity(tmp_path):
-    """With crank and coupler folded, the loop closes at the crank's axis, and columns of length 1 would hide it."""
+    """Fold crank and coupler: near a singularity, which columns of length 1 would hide."""
     chain = loaded(tmp_path, CRANK, COUPLER, ROCKER, loop=["coupler:0.15,0,0=rocker:0.3,0,0"], actuated=["coupler"])
     model = StiffnessModel(chain, kernels=("motors.residual", "motors.condition"))
     for fold in (1e-2, 1e-5):
@@ -101,7 +101,7 @@ def test_a_passive_joint_without_leverage_is_near_a_singularity(tmp_path):
 
 
 def test_one_unit_of_length(tmp_path):
-    """The condition number of a tenfold slider-crank is the same."""
+    """Scale a slider-crank tenfold: the condition number stays."""
     conditions = []
     for size in (0.1, 1.0):
         crank, rod = bar("crank", "ground", "0 0 0"), bar("rod", "crank", f"{0.2 * size} 0 0")
@@ -127,7 +127,7 @@ WELD = """<mujoco><compiler angle="radian"/><worldbody>
 
 
 def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path):
-    """The condition number against complex numbers; frames at half a turn are not closed."""
+    """Compare the condition number with complex numbers; frames a half turn apart are not closed."""
     file = tmp_path / "weld.xml"
     file.write_text(WELD)
     chain = load_chain(file, tip="end", close_loops=True, masses=False)
@@ -159,7 +159,7 @@ def test_a_welded_loop_is_singular_where_its_passive_joints_are_in_line(tmp_path
 
 @pytest.mark.parametrize("block", ["", "2"])
 def test_the_condition_is_that_of_the_worst_block(block, tmp_path):
-    """Also where it is no number."""
+    """Combine two loops: the condition is that of the worse one, also where it is NaN."""
     second = bar("crank2", "coupler", "0.2 0.1 0"), bar("coupler2", "crank2", "0.15 0 0")
     links = CRANK, COUPLER, ROCKER, *second, bar("rocker2", "coupler", "0.5 0.1 0")
     loops = [LOOP, "coupler2:0.35,0,0=rocker2:0.25,0,0"]

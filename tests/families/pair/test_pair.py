@@ -71,7 +71,7 @@ def test_no_work_round_orbits_with_half_turns(tmp_path: Path) -> None:
 
 
 def test_tangent_is_that_of_mujocos_torque(tmp_path: Path) -> None:
-    """MuJoCo's Jacobians make a torque of the wrenches; its differences are the joint stiffness."""
+    """Compare the joint stiffness with differences of the torque through MuJoCo's Jacobians."""
     text = re.sub(r"<mimic[^>]*>", "", tree_urdf(7))
     chain = loaded(tmp_path, text)
     kernels = kernels_of(chain, BOTH)
@@ -155,7 +155,7 @@ def test_bounded_spring_keeps_its_limits(tmp_path: Path) -> None:
 
 
 def test_several_pairs_have_the_tips_names(tmp_path: Path) -> None:
-    """Three tips; each pair has the joints on its way alone, and the words may be links or names."""
+    """Pair three tips, named by links or names: each pair has the joints between its tips only."""
     text = tree_urdf(7).replace(
         "</robot>", '<link name="mid tip"/><joint name="fixed" type="fixed"><parent link="left_2"/>'
         '<child link="mid tip"/><origin xyz="0.1 0 0"/></joint></robot>',
@@ -200,7 +200,7 @@ def test_refused_pairs(tmp_path: Path) -> None:
 
 
 def test_manifest_and_module(tmp_path: Path) -> None:
-    """A folder keeps the pairs, and has the functions in all its languages."""
+    """Read the folder of a pair: the manifest keeps it, and each language has its functions."""
     chain_file = tmp_path / "robot.urdf"
     chain_file.write_text(tree_urdf(7))
     folder = stiffgen.generate(
@@ -224,7 +224,7 @@ def _link(name: str, parent: str, place: str, axis: str = "0 0 1") -> str:
 
 
 def test_loops_between_the_tips_are_refused(tmp_path: Path) -> None:
-    """A parallelogram may carry both tips, but not stand between them."""
+    """Put a parallelogram between the tips: refused; one that carries both is taken."""
     bars = (
         _link("crank", "ground", "0 0 0")
         + _link("coupler", "crank", "0.2 0.1 0")
@@ -251,7 +251,7 @@ def operations(chain: stiffgen.Chain, variant: Variant, pairs: tuple[str, ...], 
 
 
 def test_cost_on_two_arms(tmp_path: Path) -> None:
-    """At most 2.2 times two ordinary Hessians of one arm, in single calls and in batches."""
+    """Count instructions on two arms: at most 2.2 times two Hessians of one arm."""
     two = loaded(tmp_path, two_pandas(), ("left_panda_hand", "right_panda_hand"))
     (tmp_path / "one").mkdir()
     one = loaded(tmp_path / "one", two_pandas(1), ("left_panda_hand",))

@@ -76,7 +76,7 @@ CASES = (
 
 
 def holds(case: Case) -> bool:
-    """Whether the bound is at least what samples reach."""
+    """Return whether the bound is at least what samples reach."""
     x, y, q = (ca.SX.sym(name) for name in "xyq")
     graph, (number,) = build_graph(ca.Function("f", [ca.vertcat(x, y, q)], [ca.densify(case.expression(x, y, q))]))
     rng = np.random.default_rng(0)
@@ -108,7 +108,7 @@ def test_a_sum_of_kernels_counts_both_errors_and_its_own():
 
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_a_sum_over_joints_counts_every_joint_and_half_of_its_rule_does_not_hold(share, tmp_path, monkeypatch):
-    """The worst case adds the size and the error of a joint that mimics, times its factor, to those of its leader."""
+    """Halve the rule for a mimic joint's share: the bound no longer holds."""
     (tmp_path / "chain.urdf").write_text(chain_urdf("rpm"))
     chain = stiffgen.load_chain(tmp_path / "chain.urdf")
     whole = BoundAnalysis.bounds
@@ -168,7 +168,7 @@ def bounds_of(chain) -> dict[str, dict[str, list[float]]]:
 
 
 def test_bounds_do_not_depend_on_names(chain, monkeypatch):
-    """Every local of every section gets a random name, which may begin with any letter."""
+    """Rename each local at random: the bounds stay."""
     before = bounds_of(chain)
     rng, groups = random.Random(0), statements.named_sections
 
@@ -186,7 +186,7 @@ def test_bounds_do_not_depend_on_names(chain, monkeypatch):
 
 
 def test_bounds_are_those_of_the_form_that_is_printed(chain):
-    """A constant changed in the lowered form changes the bound: nothing is derived a second time."""
+    """Change a constant of the lowered form: the bound changes, as nothing is derived twice."""
     (kernel,) = (kernel for kernel in chain_kernels(chain) if kernel.qualified_name == "forward_kinematics")
     code = lowered(chain, SINGLE)
     before = ErrorBounds(chain, code=code).of(kernel)

@@ -108,7 +108,7 @@ def test_what_is_broken_is_beyond_the_bounds(statement, broken, robot_folder, ch
 
 @pytest.mark.slow
 def test_the_reference_has_thirty_digits(robot_folder, chain, tmp_path):
-    """Where the errors are largest."""
+    """Compare the quad reference with mpmath where errors are largest."""
     names = ["hybrid_joint_stiffness", "spring_joint_stiffness", "mass_matrix"]
     _, kernels, measured = measured_folder(robot_folder, chain, tmp_path, names)
     for kernel in kernels:
@@ -182,7 +182,7 @@ def test_rounding_goes_up_to_two_digits():
 
 
 def test_what_overflows_has_no_bound(tmp_path):
-    """A URDF that says of a joint's rate that there is no limit, with a number."""
+    """State a huge number as a joint's rate: no bound, instead of a wrong one."""
     text = (ROOT / "urdf" / "iiwa14.urdf").read_text()
     urdf = tmp_path / "fast.urdf"
     urdf.write_text(re.sub(r'velocity="[^"]*"', 'velocity="1e300"', text))

@@ -48,7 +48,7 @@ def kernel_of(chain, name):
 
 @pytest.mark.parametrize("name", ["hybrid_joint_stiffness", "body_kinematic_stiffness_vjp", "hybrid_jacobian_vjp"])
 def test_errors_are_those_that_doubles_have(name, chain):
-    """Against sixty digits: no error beyond five times its size, and on the whole not a tenth of it."""
+    """Compare stated errors with sixty digits: none five times too small, and not ten times too large on the whole."""
     kernel, count = kernel_of(chain, name), 40
     pool = argument_samples(chain, count, 3, OPTIONS)
     stacks = [pool[argument] for argument in kernel.arguments]
@@ -105,7 +105,7 @@ def test_what_cancels_may_differ_by_rounding_and_by_no_more(chain):
 
 
 def certified(chain, name, change=lambda x: x, stated=lambda x: x):
-    """What ``verify`` says of a function and its stated bounds, one or the other changed."""
+    """Return what ``verify`` says of a function and its stated bounds, one or the other changed."""
     kernel, ranges = kernel_of(chain, name), Ranges()
     printed = [asdict(each) for each in ErrorBounds(chain, ranges).stated(kernel)]
     bounds = [each | {"bound": stated(each["bound"])} for each in printed]
@@ -117,7 +117,7 @@ def certified(chain, name, change=lambda x: x, stated=lambda x: x):
 
 @pytest.mark.parametrize("name", ["forward_kinematics", "hybrid_joint_stiffness", "spring_torque", "mass_matrix"])
 def test_functions_are_held_to_their_stated_bounds(name, chain):
-    """What is off by more than the bound is seen, though it is far below 1e-12 of the result."""
+    """Change a function by more than its bound: seen, though far below 1e-12 of the result."""
     check, bounds = certified(chain, name)
     assert check.passed and 0 < check.error < 0.5
     too_far = 1.5 * max(each["bound"] for each in bounds)
@@ -127,7 +127,7 @@ def test_functions_are_held_to_their_stated_bounds(name, chain):
 
 
 def test_the_reference_of_stated_bounds_has_more_digits_than_doubles(chain):
-    """Against sixty digits, with arguments that had to be brought into the ranges: gravity of up to 20 m/s^2."""
+    """Compare the reference with sixty digits, arguments brought into the ranges (gravity up to 20 m/s^2)."""
     kernel, ranges = kernel_of(chain, "gravity_joint_stiffness"), Ranges(gravity=5.0)
     pool = argument_samples(chain, 10, 0, OPTIONS)
     given = within(chain, kernel, ranges, DOUBLE, [pool[argument] for argument in kernel.arguments])
@@ -145,7 +145,7 @@ def kinks(p, R, parameters):
 
 
 def test_a_kink_of_a_potential_is_no_false_alarm(chain):
-    """The third derivative jumps: differences of eighth order miss their bound where a direction crosses the kink."""
+    """Cross the kink of a potential's third derivative: no alarm of the differences of eighth order."""
     options = KernelOptions(potentials=(Potential(kinks),), derivatives=True, kernels=("kinks.energy",))
     table = chain_kernels(chain, options)
     functions = {kernel.qualified_name: function_of_stacks(chain, kernel) for kernel in table}

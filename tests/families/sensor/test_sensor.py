@@ -52,7 +52,7 @@ def value(chain: Chain, kernel: Kernel, given: dict) -> np.ndarray:
 
 @pytest.mark.parametrize("case", CASES)
 def test_oracles_of_verify(case, tmp_path):
-    """The oracles of ``stiffgen verify``, and the gradients, on chains of every kind."""
+    """Run the oracles of ``stiffgen verify`` and the gradients on chains of each kind."""
     chain = load(tmp_path, *CASES[case])
     options = stiffgen.KernelOptions(derivatives=True)
     table = [kernel for kernel in chain_kernels(chain, options) if kernel.group == GROUP]
@@ -75,7 +75,7 @@ def pose_of(chain: Chain) -> Kernel:
 
 
 def test_tool_fixed_at_generation(tmp_path):
-    """The sensor stays where its link is while the tip moves to the tool."""
+    """Fix a tool: the sensor stays at its link while the tip moves to the tool."""
     tool = stiffgen.Tool(xyz=(0.1, 0.0, 0.2), rpy=(0.4, 0.0, 0.3))
     plain, tooled = (load(tmp_path, chain_urdf("rpr"), {"sensor": SENSOR, **more}) for more in ({}, {"tool": tool}))
     pool = argument_samples(plain, 1, 0)
@@ -109,7 +109,7 @@ ARM_WITH_SENSOR = """
 
 
 def test_mujoco_in_motion(tmp_path):
-    """MuJoCo's force and torque are those of the robot on the tool; payload in motion, a wrench at the tip."""
+    """Compare with MuJoCo's sensor in motion: payload and a wrench at the tip, robot on the tool."""
     file = tmp_path / "arm.xml"
     file.write_text(ARM_WITH_SENSOR)
     model = mujoco.MjModel.from_xml_path(str(file))

@@ -52,7 +52,7 @@ def test_sign_and_place_are_in_header_and_docstring(robot):
 
 
 def test_functions_of_stacks(robot):
-    """A weight hung at the tip, by hand: the reading of a stack of postures, and the wrench back from it."""
+    """Hang a weight at the tip: the reading of a stack of postures by hand, and the wrench back from it."""
     sensor, random = robot.module.sensor, np.random.default_rng(0)
     q, bias = random.uniform(-0.5, 0.5, (4, 2)), random.normal(size=6)
     payload, wrench = np.array([1.3, 0.1, 0.0, 0.2]), np.array([0.0, 0.0, -9.81 * 2.0, 0.0, 0.0, 0.0])

@@ -39,7 +39,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Chain:
 
 @pytest.mark.parametrize("case", ["one tip", "two tips", "floating base, tool at run time"])
 def test_every_kernel_has_an_oracle(case: str) -> None:
-    """Also each spring's, totals over tips and vector-Jacobian products."""
+    """Look up an oracle for each kernel, springs, totals and VJPs included."""
     options = KernelOptions(springs=KINDS, derivatives=True)
     tips = {"tip": ["left hand", "right-hand"]} if case == "two tips" else {"tip": "left hand"}
     moved = {"floating_base": True, "runtime_tool": True} if case.startswith("floating") else {}
@@ -48,7 +48,7 @@ def test_every_kernel_has_an_oracle(case: str) -> None:
 
 
 def test_a_kernel_without_an_oracle_is_a_failed_check() -> None:
-    """Before, verify passed such a kernel, whatever its values were."""
+    """Add a kernel without an oracle: a failed check. Before, verify passed it."""
     unknown = replace(KERNELS[0], name="tip_height")
     (check,) = check_oracles((*KERNELS, unknown))
     assert not check.passed and check.kernel == "tip_height" and 'ORACLES["tip_height"]' in check.detail
@@ -96,7 +96,7 @@ def _one(chain: Chain, name: str) -> Any:
 
 
 def test_values_that_are_all_nan_do_not_reach_another_configuration(small: Chain) -> None:
-    """Before, NaN was unequal to NaN, and the sentence blamed another configuration."""
+    """Compare results that are all NaN: not blamed on another configuration, as before."""
     kernel, pool = _one(small, "forward_kinematics"), argument_samples(small, LONG, 0)
 
     def nowhere(q: np.ndarray) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_values_that_are_all_nan_do_not_reach_another_configuration(small: Chain
 
 
 def test_a_wrong_batch_has_its_rounding_analysed_once_per_layout(small: Chain, monkeypatch: Any) -> None:
-    """Before, once per count and layout: verify of a wrong kernel had not ended after 11 minutes."""
+    """Verify a wrong batch: rounding is analysed once per layout. Before, 11 minutes and no end."""
     kernel, pool = _one(small, "hybrid_joint_stiffness"), argument_samples(small, LONG, 0)
     analysed = []
     errors = batches.rounding_errors

@@ -123,7 +123,7 @@ def test_potentials_compile_with_every_option(name: str, tmp_path: Path) -> None
 def test_potentials_have_the_values_of_their_energies(
     name: str, potentials: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The frameworks have a test of their own: tests/lab/languages/test_languages.py."""
+    """Compare potentials with their energies; frameworks: tests/lab/languages/test_languages.py."""
     monkeypatch.setattr("stiffgen.lab.languages.check.check_wrappers", lambda material: [])
     folder = generated(tmp_path, potentials, *OPTIONS[name])
     assert [check for check in verify(folder, count=5, trust_potentials=True) if not check.passed] == []

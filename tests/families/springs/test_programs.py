@@ -14,7 +14,7 @@ ROBOTS = TREES | LINKAGES
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_array_is_read(name, tmp_path):
-    """Each array is a result or is read by a later step; a shared function of C (with a name) fills all its outputs."""
+    """Check the programs: each array is a result or read later, and shared functions fill all outputs."""
     chain = ROBOTS[name].load(tmp_path)
     kernels = chain_kernels(chain, KernelOptions(kernels=("all", "compliance")))
     assert any(kernel.name.startswith("loaded_hessian") for kernel in kernels)

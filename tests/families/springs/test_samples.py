@@ -47,7 +47,7 @@ def arms() -> stiffgen.Chain:
 
 
 def test_tips_share_the_configuration_and_nothing_else(arms: stiffgen.Chain) -> None:
-    """The argument of all tips holds those of each, which the oracles of one tip take."""
+    """Draw samples of several tips: they share the configuration alone."""
     samples = Samples(arms, 4, 3)
     (tools,) = {a for k in chain_kernels(arms) for a in k.arguments if a.each == TOOL_POSE}
     left, right = samples.of_tip(0), samples.of_tip(1)
@@ -60,7 +60,7 @@ def test_tips_share_the_configuration_and_nothing_else(arms: stiffgen.Chain) -> 
 
 
 def test_stiffnesses_differ_from_their_symmetric_parts(chain: stiffgen.Chain) -> None:
-    """Every matrix, not the task stiffness alone: before, a batch that read all of Kt passed."""
+    """Draw stiffnesses: all are asymmetric. Before, a batch that read all of Kt passed."""
     pool = argument_samples(chain, 3, 0, KernelOptions(springs=KINDS))
     of_stiffness = {argument: values for argument, values in pool.items() if argument.symmetric_part}
     names = {argument.name for argument in of_stiffness}

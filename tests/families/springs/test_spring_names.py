@@ -76,7 +76,7 @@ SYMBOLS = re.findall(
 
 
 def test_every_symbol_has_a_comment() -> None:
-    """Every named quantity of a spring stands in the C, below a comment that defines it."""
+    """Look up each named quantity of a spring in the C: a comment above defines it."""
     text = [line for _, function in printed(stiffgen.load_chain(URDF), SINGLE, Placement()) for line in function.lines]
     comments = " ".join(line for line in text if line.lstrip().startswith("/*"))
     found = LOCAL.findall("\n".join(text))

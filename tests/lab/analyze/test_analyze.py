@@ -248,7 +248,7 @@ def test_memory_does_not_grow_with_the_rows(here, robot_folder, monkeypatch):
 
 @pytest.mark.parametrize(("name", "rows", "most"), [("log.parquet", 400_000, 20e6), ("log.csv", 12_000, 1e6)])
 def test_readers_hold_a_few_blocks(name, rows, most, here, monkeypatch):
-    """What pyarrow holds while a Parquet file that is one row group of 45 MB, or a CSV file of 3 MB, is read."""
+    """Read a Parquet file of one row group (45 MB) and a CSV file: readers hold a few blocks."""
     monkeypatch.setattr(csv_file, "_PIECE", 1 << 18)
     numbers = np.random.default_rng(0).normal(size=(rows, 14))
     if name.endswith("parquet"):
@@ -275,7 +275,7 @@ def test_a_recording_that_is_moved_away_while_it_is_read(here, robot_folder):
 
 
 def test_quantiles_lie_within_the_extremes(robot):
-    """One row, and rows that are all alike: each quantile is that value itself, not the middle of its bin."""
+    """Analyse one row, and equal rows: each quantile is that value, not the middle of its bin."""
     for count in (1, 5):
         rows = np.repeat(ROWS[:1], count, axis=0)
         block = recording.Block(np.arange(count), rows)
@@ -323,7 +323,7 @@ def test_options_of_another_format_are_refused(here, capsys, robot_folder):
 
 
 def test_one_record_makes_the_command_line_and_the_function(capsys):
-    """Every field is an argument of :func:`stiffgen.analyze` that its help explains, and an option with that help."""
+    """Compare the record's fields with arguments and options: each exists and is explained."""
     described = fields(AnalysisOptions)
     assert list(inspect.signature(stiffgen.analyze).parameters) == [each.name for each in described]
     in_python = " ".join(stiffgen.analyze.__doc__.split())

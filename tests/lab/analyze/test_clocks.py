@@ -33,7 +33,7 @@ def assert_matched(rows, problems, expected=LONG):
 
 @pytest.mark.parametrize("seconds", [1e3, -1e3, 1e9])
 def test_a_wrench_with_a_wrong_stamp_costs_its_own_row(tmp_path, seconds):
-    """Before, one stamp in the future dropped the 898 rows behind it."""
+    """Put one stamp into the future: one row is lost. Before: the 898 behind it."""
     log = recordings.write_mcap(
         tmp_path / "a.mcap", LONG, JOINTS, clocks=lambda row: (0, round(seconds * SECOND) * (row == 101), 0)
     )
@@ -62,7 +62,7 @@ def test_joint_positions_with_a_wrong_stamp_cost_their_own_row(tmp_path, seconds
 @pytest.mark.parametrize("seconds", [-100.0, -3.0, -0.5, -0.05, 0.5, 100.0])
 @pytest.mark.parametrize("recorder", [False, True])
 def test_a_clock_that_is_set(tmp_path, seconds, recorder):
-    """Of the publishers alone, or of the whole computer: the recorder's times are then set, too."""
+    """Set the clock of the publishers, or of the whole computer with the recorder's: rows still match."""
     step = round(seconds * SECOND)
     log = recordings.write_mcap(
         tmp_path / "a.mcap",
@@ -78,7 +78,7 @@ def test_a_clock_that_is_set(tmp_path, seconds, recorder):
 
 
 def test_a_match_is_the_nearest_of_those_logged_beside():
-    """Against a search over all wrenches, where one stamp in eight is wrong by up to 5 s."""
+    """Compare matches with a search over all wrenches, one stamp in eight wrong by up to 5 s."""
     random, tolerance = np.random.default_rng(0), 8_000_000  # [ns], as all times here
     for _ in range(50):
         logged = np.cumsum(random.integers(1, 20_000_000, 200))
@@ -118,7 +118,7 @@ def test_simulated_time_in_the_stamps(tmp_path):
 
 
 def test_logged_times_that_say_nothing(tmp_path):
-    """A conversion logs every message at once, or at the time of the conversion."""
+    """Convert a recording, so that logged times say nothing: rows still match."""
     for name, factor in (("still", 0.0), ("fast", 1e-4)):
         log = recordings.write_mcap(
             tmp_path / f"{name}.mcap",

@@ -184,7 +184,7 @@ def test_mcap_of_several_topics(here, robot_folder):
 
 
 def test_mcap_takes_the_nearest_wrench():
-    """Against a search over all wrenches, with irregular stamps and late messages."""
+    """Compare with a search over all wrenches, with irregular stamps and late messages."""
     from stiffgen.lab.analyze.recording.stamps import Message, matched
 
     random = np.random.default_rng(3)
@@ -256,7 +256,7 @@ def test_degrees_are_recognised(here, robot_folder, capsys):
 
 @pytest.mark.parametrize("fixed", [True, False])
 def test_lists_as_lerobot_writes_them_and_degrees(here, robot_folder, fixed):
-    """The same numbers as in columns of their own; a list that is too short costs its row."""
+    """Read lists and degrees as LeRobot writes them: the same numbers; a short list costs its row."""
     recordings.write_parquet(here / "plain.parquet", ROWS)
     expected = stiffgen.analyze("plain.parquet", robot_folder, K, figures=False).summary
     kinds = (pa.list_(pa.float64(), 7), pa.list_(pa.float64(), 6)) if fixed else 2 * (pa.list_(pa.float64()),)
@@ -365,7 +365,7 @@ def test_dask_without_a_scheduler_is_refused(here, robot_folder, capsys):
 
 
 def test_a_comment_before_the_columns_is_named_beside_the_robot(here, robot_folder, capsys):
-    """The client's log states the posture spring, which the analysed stiffness leaves out."""
+    """Read the client's log: the note names its posture spring, which the analysis leaves out."""
     plain = recordings.write_csv(here / "plain.csv", ROWS)
     plain.write_text("# robot: wiper, posture_stiffness: 10 N m/rad\n" + plain.read_text())
     code, out, _ = run(capsys, *command(robot_folder, plain, "--no-figures"))

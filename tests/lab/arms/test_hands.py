@@ -33,7 +33,7 @@ def at(wrench: np.ndarray, from_point: np.ndarray, point: np.ndarray) -> np.ndar
 
 
 def test_relative_compliance_is_the_motion_of_one_hand_seen_from_the_other(tmp_path: Path) -> None:
-    """Without a load: a small squeeze moves the joints, and the relative pose by differences."""
+    """Squeeze two unloaded hands a little: the relative pose moves as the compliance says."""
     chain = two_hands(tmp_path)
     table = chain_kernels(chain, stiffgen.KernelOptions(kernels="all,compliance"))
     kernel = {each.qualified_name: each for each in table}
@@ -61,7 +61,7 @@ def test_relative_compliance_is_the_motion_of_one_hand_seen_from_the_other(tmp_p
 
 
 def test_internal_wrench_of_a_squeezed_box(tmp_path: Path) -> None:
-    """The pair's wrenches come back, whatever the box weighs and the point is; a bias shows in the residual."""
+    """Squeeze a box of any weight: the internal wrench comes back, and a bias shows in the residual."""
     chain = two_hands(tmp_path)
     q = RANDOM.uniform(-1, 1, len(chain.coordinates))
     (a, b), squeeze, weight = poses(chain, q), RANDOM.normal(size=6), np.array([0.3, 0, -20.0, 0.1, 0.2, 0])

@@ -109,7 +109,7 @@ def test_an_arm_that_sags(robot: ModuleType) -> None:
 
 
 def test_a_saddle_is_told_and_left(robot: ModuleType) -> None:
-    """A straight arm beyond its load is at rest, and unstable; from beside it the arm comes down, and is stable."""
+    """Load a straight arm beyond its limit: at rest but unstable; from beside it, it settles."""
     wrench = np.array([0, 0, -100.0, 0, 0, 0])
     held = stiffgen.settle(robot, np.zeros(7), np.full(7, 100.0), wrench)
     assert held.converged
@@ -147,7 +147,7 @@ def test_a_fold_against_arc_length(robot: ModuleType, gravity: tuple[float, ...]
 
 
 def test_leaving_a_plane_along_the_loaded_path(robot: ModuleType) -> None:
-    """The posture of a growing force, by scipy; the force where Pinocchio's derivative of the torque turns singular."""
+    """Compare the posture with SciPy, and the limit with where Pinocchio's derivative turns singular."""
     rest, springs, direction = FLAT
     arm, unit = Arm(rest, springs), np.r_[direction / np.linalg.norm(direction), 0, 0, 0]
     loads = np.linspace(0, 100, 101)
@@ -171,7 +171,7 @@ def test_leaving_a_plane_along_the_loaded_path(robot: ModuleType) -> None:
 
 
 def test_stacks_and_no_limit(robot: ModuleType) -> None:
-    """A pulled arm has no limit; springs that do not hold the arm have the load 0; not a number stays none."""
+    """Pull an arm, take its springs away, pass NaN: no limit, the limit 0, and NaN."""
     rest = np.array([np.zeros(7), np.zeros(7), np.full(7, 0.3), np.full(7, np.nan)])
     springs = 100 * np.array([np.eye(7), np.eye(7), np.diag([1, 1, 1, -1, 1, 1, 1]), np.eye(7)])
     found = stiffgen.buckling_load(robot, rest, springs, [[0, 0, -1.0], [0, 0, 1], [0, 0, 1], [0, 0, 1]], most=500.0)
@@ -187,7 +187,7 @@ def test_stacks_and_no_limit(robot: ModuleType) -> None:
 def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_load(
     robot: ModuleType, bend: float
 ) -> None:
-    """Before: an infinite load was all that a posture bent by 1e-12 rad had, which sinks by 370 mm at 90 N."""
+    """Bend a posture by 1e-12 rad: its softest load is found, where it sinks by 370 mm at 90 N."""
     rest, springs, straight = np.array([0, bend, 0, 0, 0, 0, 0]), np.full(7, 100.0), 75.30863825186
     found = stiffgen.buckling_load(robot, rest, springs, [0, 0, -1], most=300.0)
     assert found.load == np.inf
@@ -255,7 +255,7 @@ def test_mujoco_stays_below_and_falls_above(robot: ModuleType, case: tuple[np.nd
 
 @pytest.mark.slow
 def test_tips_and_loops(tmp_path, unoptimised) -> None:
-    """The part of one tip is an arm; the tree of closed loops is none."""
+    """Settle one tip's part and a robot with closed loops: only the first is an arm."""
     dual = stiffgen.generate(ROOT / "tests" / "data" / "dual_arm.urdf", output=tmp_path, name="dual",
                              tip=["left hand", "right-hand"], kernels="hybrid", batches=False,
                              controller=False, masses=False)  # fmt: skip

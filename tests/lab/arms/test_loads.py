@@ -144,7 +144,7 @@ def test_the_function_in_c(robot_folder, tmp_path):
 
 
 def test_the_function_in_c_makes_no_number_up(robot_folder, tmp_path):
-    """A stretched arm, numbers that are none, and an arm with fewer joints than a wrench has components."""
+    """Estimate at a stretched arm, with NaN, and with few joints: NaN, never an invented wrench."""
     J = stiffgen.open_robot(robot_folder).module.hybrid.jacobian(np.zeros(7))
     ones, none, holed = np.ones(7), np.zeros(7), np.where(np.arange(42) == 8, np.nan, 1.0)
     rows = [(J, ones, none, 0.0), (J, ones, none, 0.01), (holed, ones, none, 0.01), (J, ones * np.nan, none, 0.01)]

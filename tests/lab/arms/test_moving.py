@@ -28,7 +28,7 @@ def state(model):
 
 @pytest.mark.parametrize(("source", "target"), list(itertools.product(REPRESENTATIONS, REPRESENTATIONS)))
 def test_the_same_spring(source, target, state, model):
-    """Against the joint Hessian of the spring's energy, which knows no representation; there and back."""
+    """Move a stiffness there and back: the joint Hessian of the spring's energy in all representations."""
     q, pose, F, K, Kq = state
     given = stiffgen.move_stiffness(pose, F, K, "hybrid", source)
     wrench, stiffness = stiffgen.move_stiffness(pose, *given, source, target)

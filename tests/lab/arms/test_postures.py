@@ -21,7 +21,7 @@ def cases(robot: ModuleType) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_postures_have_the_tip_at_the_pose(robot: ModuleType, cases: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """Each pose has a posture: it is found; all are within the limits, and apart; the nearest one comes first."""
+    """Search postures of poses that have one: found, within limits, apart, the nearest first."""
     model = pin.buildModelFromUrdf(str(ROOT / "urdf" / "iiwa14.urdf"))
     data, tip = model.createData(), model.getFrameId("link_ee")
 
@@ -75,7 +75,7 @@ def narrow(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 @pytest.mark.parametrize("margin", [0.0, 0.01, 0.1, 3.0])
 def test_a_range_narrower_than_two_margins(narrow: ModuleType, margin: float) -> None:
-    """Before: the finger (0 to 0.04 m) was sent to -0.06 m, since its range less two margins turned round."""
+    """Search with a finger of 0 to 0.04 m: it stays inside. Before: -0.06 m."""
     goal = np.array([0.3, 0.5, 0.015])
     found = stiffgen.find_postures(narrow, narrow.forward_kinematics(goal), near=goal, margin=margin)
     assert len(found)
@@ -93,7 +93,7 @@ def test_a_margin_is_a_distance_within_the_limits(narrow: ModuleType, margin: fl
 
 
 def test_a_start_far_beyond_the_only_limit_of_a_joint(narrow: ModuleType) -> None:
-    """Before: half a turn around the start ended in front of the lower limit, and the search stayed there."""
+    """Start far beyond a joint's only limit: the search comes back. Before, it stayed there."""
     one_sided = SimpleNamespace(
         forward_kinematics=narrow.forward_kinematics, hybrid=narrow.hybrid,
         LOWER=np.array([-2.0, 5.0, 0.0]), UPPER=np.array([2.0, np.inf, 0.04]),

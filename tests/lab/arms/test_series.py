@@ -104,7 +104,7 @@ def test_mount_and_gripper_against_pinocchio(softly_mounted, representation):
 
 
 def test_a_mount_under_a_load_against_a_floating_base():
-    """Six more coordinates hold the mount exactly: the sum is the same without a load, and off by less than is said."""
+    """Compare a compliant mount with six more coordinates: equal without a load, else off by less than stated."""
     options = KernelOptions(kernels=("hybrid.tip_compliance",))
     functions = [
         {each.qualified_name: casadi_function(chain, each) for each in chain_kernels(chain, options)}

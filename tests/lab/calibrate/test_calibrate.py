@@ -37,7 +37,7 @@ def postures(random, count: int = 12) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def robots(once):
-    """The iiwa 14 with the true sensor, and with the four faults."""
+    """Return the iiwa 14 with the true sensor, and with the four faults."""
 
     def make(output):
         with pytest.MonkeyPatch.context() as patch:
@@ -58,7 +58,7 @@ def sensor(robots):
 
 @pytest.mark.slow
 def test_within_its_intervals(sensor):
-    """All ten numbers at once, in 95 of 100 recordings with noise, quantum, drift and a walk of the bias."""
+    """Calibrate 100 noisy recordings: all ten numbers within their intervals at once in 95."""
     within, widths = 0, []
     for seed in range(100):
         random = np.random.default_rng(seed)
@@ -101,7 +101,7 @@ def test_unexcited_recordings_are_refused(sensor, case):
     ],
 )
 def test_faults_are_found_without_a_weight(robots, sensor, fault, message):
-    """A recording of the true sensor, calibrated with a folder that has a wrong sign or wrong axes."""
+    """Calibrate with a folder whose sign or axes are wrong: found without a weight."""
     random = np.random.default_rng(0)
     wrong = stiffgen.open_robot(robots[fault]).module.sensor
     with pytest.raises(RecordingError, match=message):
@@ -132,7 +132,7 @@ def logs(tmp_path_factory, sensor):
 
 @pytest.mark.slow
 def test_from_recording_to_file(robots, logs, tmp_path, capsys):
-    """The whole command: poses found, table printed, file and picture written, and read again."""
+    """Run the whole command: poses found, table printed, file and picture written, and read again."""
     file, picture = tmp_path / "sensor.json", tmp_path / "residuals.svg"
     arguments = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file, "--output", picture]
     assert main([str(each) for each in arguments]) == 0
@@ -162,7 +162,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(robots, logs, tmp_path, m
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["truth", *FAULTS])
 def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fault):
-    """What a user can run on a real arm: two kilograms at the tip, with the calibration of the true sensor."""
+    """Hang 2 kg at the tip, as a user can: each fault of the sensor shows."""
     file = tmp_path / "sensor.json"
     calibrate = ["calibrate", logs / "free.csv", "--robot", robots["truth"], "--output", file]
     assert main([str(each) for each in calibrate]) == 0
@@ -181,7 +181,7 @@ def test_a_weight_at_the_tip_shows_each_fault(robots, logs, tmp_path, capsys, fa
 
 @pytest.mark.slow
 def test_a_weight_elsewhere(robots, logs, tmp_path, capsys):
-    """The weight hangs at the tip's origin; one who says 40 mm beside it is told about the moment."""
+    """Declare the weight 40 mm beside where it hangs: the moment is named."""
     file, log = tmp_path / "sensor.json", str(logs / "weight.csv")
     common = ["--robot", str(robots["truth"]), "--output", str(file)]
     assert main(["calibrate", str(logs / "free.csv"), *common]) == 0
@@ -213,7 +213,7 @@ def test_damaged_files_are_refused(tmp_path, text, message):
 
 @pytest.mark.slow
 def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
-    """No sensor, no pose at rest, and the calibration of another sensor; nothing is written."""
+    """Calibrate without a sensor, without poses at rest, or another sensor: refused, nothing written."""
     log, file = str(logs / "free.csv"), tmp_path / "sensor.json"
     assert main(["calibrate", log, "--robot", str(robot_folder), "--output", str(file)]) == 2
     assert "has no force-torque sensor; generate it with --sensor LINK" in capsys.readouterr().err
@@ -269,7 +269,7 @@ def test_readings_are_analysed(robots, logs, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_deviations_of_an_analysis_are_those_of_drawn_readings(robots):
-    """Two thousand readings with the sensor's noise, each analysed by itself."""
+    """Analyse 2000 noisy readings each by itself: their spread is the stated deviation."""
     robot = stiffgen.open_robot(robots["truth"]).module
     # [rad]; [N, N m]
     q, reading = np.array([0.3, -0.8, 0.4, 1.1, 0.2, -0.6, 0.1]), np.array([6.0, -9.0, 12.0, 1.2, -1.5, 0.4])
@@ -305,7 +305,7 @@ WRONG = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", WRONG)
 def test_no_sensor_is_blamed_on_an_arm_without_one(tmp_path, capsys, robot_folder, robots, fault):
-    """Before, each remedy named an option of --sensor; with a sensor it may be the cause, so that both are named."""
+    """Fail a check on an arm without and with a sensor: only the latter's remedy names it."""
     q, time = held(postures(np.random.default_rng(3), 3))
     pose = stiffgen.open_robot(robot_folder).module.forward_kinematics(q)
     force = np.tile([0, 0, -9.81 * 2.0], (len(q), 1))

@@ -124,7 +124,7 @@ def test_the_log_form_is_three_position_drives_about_one_axis() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_no_work_round_closed_orbits(form: str) -> None:
-    """The mean over a closed orbit of torque times rate is spectrally exact; three drives put out 10 mJ and more."""
+    """Average torque times rate round closed orbits: zero; three drives put out 10 mJ and more."""
     random = np.random.default_rng(3)
     times = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
     for _ in range(20):

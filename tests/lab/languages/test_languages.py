@@ -119,7 +119,7 @@ def test_a_damage_is_found_by_numbers(
     file: str, changes: list[tuple[str, str, str]], folder: Path, library: ctypes.CDLL, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    """Before, nothing but the text told, and not of a folder whose manifest has other versions."""
+    """Damage a folder: its numbers tell, also where the text is not compared."""
     damaged = copy_folder(folder, tmp_path)
     text = (damaged / file).read_text()
     for old, new, _ in changes:
@@ -143,7 +143,7 @@ def with_versions(folder: Path, stiffgen_version: str) -> None:
 
 @pytest.mark.slow
 def test_text_of_another_version_is_not_compared_and_does_not_pass(folder: Path, tmp_path: Path) -> None:
-    """Before, six damages in one folder passed ("1400 of 1400", exit code 0)."""
+    """Verify a damaged folder of another version: not compared, and no pass. Before: exit code 0."""
     other = copy_folder(folder, tmp_path)
     (other / "arm.h").write_text((other / "arm.h").read_text().replace("[N m/rad]", "[N m/deg]"))
     restamp(other)
@@ -203,7 +203,7 @@ def test_a_missing_tool_passes_only_with_the_generators_text(
 def test_a_missing_c_compiler_is_no_pass_and_a_failing_one_is_a_fault(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before, both were "no C compiler was found", and passed: sources that do not compile, too."""
+    """Take the compiler away, or break the source: not compared, and failed. Before, both passed."""
     broken = copy_folder(folder, tmp_path)
     (broken / "arm.c").write_text("int broken(\n")
     step = partial(build_widths, open_robot(broken), tmp_path)

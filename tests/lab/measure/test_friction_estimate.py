@@ -184,7 +184,7 @@ def test_friction_needs_a_robot(capsys: Any) -> None:
 
 @pytest.mark.slow
 def test_a_simulated_arm(once: Once) -> None:
-    """A UR5 with rotors, sticking friction and sensors, under the controller: within 15 % for each joint."""
+    """Simulate a UR5 with sticking friction under the controller: within 15 % for each joint."""
     arm = Arm("ur5", once("arms-ur5", lambda folder: Arm("ur5", folder)))
     samples = 20000
     wave = 0.5 - np.abs((np.arange(samples) / samples * 4) % 2.0 - 1.0) + 0.5

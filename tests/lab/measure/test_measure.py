@@ -69,7 +69,7 @@ def test_rates_of_a_hundred(spring: Spring) -> None:
 
 
 def test_stiffness_and_load_are_within_their_intervals() -> None:
-    """The wrench of the noiseless model, differentiated by central differences along the twist."""
+    """Compare stiffness and load with differences of the noiseless model: within their intervals."""
     inside = 0
     for seed in range(10):
         found = measure_stiffness(*recorded(seed), has_bias=False)
@@ -141,7 +141,7 @@ def test_unusable_recordings_are_refused_by_name(rows, reason: str) -> None:
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of the paper's group are not committed")
 @pytest.mark.parametrize("name", ["Circle", "Free", "LinearTable"])
 def test_real_recordings_are_refused_by_name(name: str) -> None:
-    """A hand moves the tip in circles, freely, and along a table; whole and in parts of 4 s and 2 s."""
+    """Read real recordings, whole and in parts of 4 s and 2 s: each is refused with its reason."""
     (file,) = RECORDINGS.glob(f"RobotData_{name}_*.txt")
     rows = np.genfromtxt(file, delimiter="\t", skip_header=1)
     places = np.concatenate([rows[:, 7:10], rows[:, 13:16] * rows[:, 16:17]], axis=1)
@@ -170,7 +170,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.mark.slow
 def test_a_plan_keeps_its_promise(robot) -> None:
-    """The pose follows the twist, delays fake nothing, and the deviation is that of a simulated recording."""
+    """Simulate a plan: the pose follows, delays fake nothing, and the deviation is the promised one."""
     options = PlanOptions(np.array([800.0, 700, 500, 60, 40, 30]), deviation=np.radians(0.02), most_wrench=(20.0, 3.0))
     plan = plan_excitation(robot, POSTURE, options)
     first = sensor_poses(robot, np.array([POSTURE]))[0]
@@ -231,7 +231,7 @@ def sensing(tmp_path_factory: pytest.TempPathFactory):
 
 @pytest.mark.slow
 def test_a_mounted_sensor_is_a_tip_at_its_place(sensing, tmp_path: Path) -> None:
-    """The joint stiffness through the sensor's mounting is that of a robot whose tip is a link at the sensor."""
+    """Compare the joint stiffness through a mounting with a robot whose tip is at the sensor."""
     link = '<link name="cell"/><joint name="mount" type="fixed"><parent link="link_ee"/><child link="cell"/>'
     place = f'<origin xyz="{" ".join(map(str, SENSOR.xyz))}" rpy="{" ".join(map(str, SENSOR.rpy))}"/></joint></robot>'
     urdf = tmp_path / "cell.urdf"

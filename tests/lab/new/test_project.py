@@ -35,7 +35,7 @@ STIFFGEN = (sys.executable, "-m", "stiffgen.cli")
 
 
 def asked(*answers: str):
-    """A terminal that gives these answers, and the questions it was asked."""
+    """Return a terminal that gives these answers, and the questions it was asked."""
     left, questions = list(answers), []
 
     def ask(question: str) -> str:
@@ -118,7 +118,7 @@ def test_bad_input_is_one_message_and_leaves_nothing(arguments, named, tmp_path,
 
 @pytest.mark.slow
 def test_without_masses_and_a_fault_of_inertia(tmp_path, capsys):
-    """A fault is named before any question; without masses the project is of the spring and of rotors alone."""
+    """Make a project of a faulty inertia: named before any question; without masses it is made."""
     faulty = tmp_path / "faulty.urdf"
     faulty.write_text(re.sub(r'izz="[^"]*"', 'izz="9"', URDF.read_text()))
     for tip in ([], ["--tip", "link_ee"]):
@@ -157,7 +157,7 @@ def test_a_template_takes_its_files_with_it(tmp_path):
 
 @pytest.mark.slow
 def test_licences_go_with_the_copies(tmp_path):
-    """From beside the file, else from the nearest folder above, up to the package; nothing outside of it is read."""
+    """Copy files with their licences: from beside or above, up to the package, and nothing outside."""
     (tmp_path / "LICENSE").write_text("of somebody else")
     package = tmp_path / "arms"
     (package / "urdf").mkdir(parents=True)
@@ -183,7 +183,7 @@ def test_licences_go_with_the_copies(tmp_path):
 
 
 def test_names_with_ends_of_lines_and_html(tmp_path):
-    """No name of the robot's file begins a line of the README, nor a command of its own; a shell gets it back whole."""
+    """Name parts with line ends and HTML: the README and a shell take them as text."""
     tip = "a\n\n<script>alert(1)</script>\n    rm -rf 'x'\\é\x7f"
     urdf = tmp_path / b"x\xff\n<b>.urdf".decode("utf-8", "surrogateescape")
     escaped = escape(tip, {"\n": "&#10;", "'": "&apos;"})
@@ -209,7 +209,7 @@ ARMATURE = """<mujoco><worldbody><body name="one"><inertial pos="0 0 0.1" mass="
 
 @pytest.mark.slow
 def test_rotors_are_those_of_the_generated_controller(tmp_path):
-    """The header's preset, armature or estimate is stated in the configuration; a guessed limit gives its own."""
+    """Make projects: the configuration states the header's rotor inertia and where it is from."""
     without_limit = tmp_path / "without.urdf"
     without_limit.write_text(replaced((' effort="20" velocity="4"', "")))
     armature = tmp_path / "armature.xml"
