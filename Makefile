@@ -177,6 +177,12 @@ $(VENV)/installed-test: $(VENV)/installed
 	$(call pip,--no-deps 'lerobot>=0.4.4')
 	@touch $@
 
+# What CI needs, found and installed at once.
+$(VENV)/installed-ci: $(VENV)/installed
+	$(call pip,--editable '.[test$(comma)lint$(comma)docs$(comma)fuzz]')
+	$(call pip,--no-deps 'lerobot>=0.4.4')
+	@touch $(patsubst %,$(VENV)/installed-%,test docs fuzz) $@
+
 $(VENV)/installed-torch: $(VENV)/installed-test
 	$(call pip,'$(TORCH)')
 	@touch $@

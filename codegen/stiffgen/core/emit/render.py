@@ -67,10 +67,7 @@ def _with_sources(texts: dict[str, str]) -> dict[str, str]:
 
 @cache
 def _templates(folders: tuple[Path, ...]) -> jinja2.Environment:
-    """Return the environment of some folders' templates: of a name in several folders, the first one's.
-
-    Compiling the templates takes a third of a robot's time.
-    """
+    """Return the environment of some folders' templates: of a name in several folders, the first one's."""
     # C and Python, not HTML: names from the robot file go through these filters
     filters: dict[str, Callable[..., str]] = {
         "c_string": c_string,
