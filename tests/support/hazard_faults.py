@@ -56,9 +56,9 @@ HAZARD_FAULTS = (
     HazardFault(
         "arm pushed beyond its speed",
         "test_a_fast_arm_is_braked",
-        "brake * excess / fast",
+        "brake * excess[i] / fast",
         "0.0 * brake",
-        "static void damp(",
+        "static void damp_joints(",
     ),
     HazardFault(
         "pull by a wrong encoder",
