@@ -77,12 +77,12 @@ def loss(robot: Any, q: Array, wrench: Array, stiffness: Array) -> tuple[float, 
     K[:3, :3], K[3:, 3:] = np.diag(stiffness), ROTATION
     J = robot.hybrid.jacobian(q)
     S = robot.hybrid.joint_stiffness(q, wrench, K) + POSTURE_STIFFNESS * np.eye(len(q))
-    dq = np.linalg.solve(S, J.T @ wrench)
-    e = J[:3] @ dq
+    dq = np.linalg.solve(S, J.T @ wrench)  # deflection of the joints [rad]
+    e = J[:3] @ dq  # deflection of the tip [m]
     weight = np.linalg.solve(S, J[:3].T @ e) / ALLOWED**2
     _, _, by_stiffness = robot.hybrid.joint_stiffness_vjp(q, wrench, K, -np.outer(weight, dq))
-    logarithm = np.log(stiffness / USUAL)
-    gradient = np.diag(by_stiffness)[:3] * stiffness + logarithm
+    logarithm = np.log(stiffness / USUAL)  # distance from the usual stiffness, which the prior punishes
+    gradient = np.diag(by_stiffness)[:3] * stiffness + logarithm  # d/d log(k) = k d/dk
     return float(e @ e / (2 * ALLOWED**2) + logarithm @ logarithm / 2), gradient
 
 

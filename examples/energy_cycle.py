@@ -106,11 +106,12 @@ def area_integral(robot: ModuleType, q: Array, plane: tuple[int, int], radius: f
 
 
 def table(robot: ModuleType, q: Array) -> None:
-    """Print the net work in all planes."""
+    """Print the net work [J] of orbits in all planes of two joints, and how it grows with the orbit's radius."""
     print(f"iiwa14 at q [rad] = {np.round(q, 3)}")
     print(f"wrench applied by the environment [N, N m] = {WRENCH}; orbits of radius {RADIUS} rad")
     print("\nstiffness held: net work and area integral [J]")
     print("joints   " + "".join(f"{formula:>14s}{'integral':>12s}" for formula in FORMULAS))
+    # by Stokes' theorem the work round an orbit is the area integral of the antisymmetric part
     for u, v in PLANES:
         row = f"{u + 1}, {v + 1}     "
         for formula in FORMULAS:

@@ -117,6 +117,7 @@ def positive(A: Array) -> Array:
 
 def quaternion(R: Array) -> tuple[Array, Array]:
     """Return scalar part >= 0 (1) and vector part (3) of a rotation's unit quaternion."""
+    # 2 sin(angle) times the axis
     axial = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
     diagonal = np.diagonal(R, axis1=-2, axis2=-1)
     trace = diagonal.sum(-1, keepdims=True)
@@ -240,8 +241,10 @@ def robosuite(goal: State, state: State) -> Array:
 
 def robosuite_twin(goal: State) -> Twin:
     """Return the spring whose gradient has robosuite's stiffness at the goal: gains times inertia there."""
+    # J M^-1 J^T (6, 6); its blocks' inverses are the inertias of robosuite's two decoupled laws
     inverse, R = mobility(goal)[1], goal.pose[:3, :3]
-    Lp, Lo = np.linalg.inv(inverse[:3, :3]), np.linalg.inv(inverse[3:, 3:])
+    Lp, Lo = np.linalg.inv(inverse[:3, :3]), np.linalg.inv(inverse[3:, 3:])  # felt at the tip [kg], [kg m^2]
+    # part of the mass matrix that the tip's motion takes; the rest belongs to the self-motion
     taken: Any = goal.J.T @ np.linalg.solve(inverse, goal.J)
     free = symmetric(goal.M - taken)
     task = goal.J[:3].T @ Lp @ goal.J[:3] + goal.J[3:].T @ Lo @ goal.J[3:]
@@ -406,7 +409,7 @@ def served_rows(robot: ModuleType, samples: int = 1200) -> list[tuple[str, ...]]
     """Return the table of presets: lags of law and of controller, and rms and maximum between their tips."""
     made: list[tuple[str, ...]] = []
     motion = recorded()[:samples]
-    wanted = robot.forward_kinematics(motion)[:, :3, 3]
+    wanted = robot.forward_kinematics(motion)[:, :3, 3]  # tip positions of the recording (samples, 3) [m]
     for preset, name in PRESETS.items():
         both = (lambda goal, law=LAWS[name]: torques(robot, law, goal)[0]), serve(robot, preset)
         tips = [robot.forward_kinematics(replay(robot, each, motion, ROTORS))[:, :3, 3] for each in both]

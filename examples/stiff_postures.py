@@ -81,10 +81,12 @@ class Arm:
     def moved(self, q: Array, length: float, along: Array) -> Array:
         """Return the posture at a distance [rad] along the self-motion, with the tip at the start's pose."""
         goal, z = self.robot.forward_kinematics(self.start), self.null_direction(q)
+        # step along the null direction, then Newton's steps back to the start's pose
         q = q + length * np.copysign(1.0, z @ along) * z
         for _ in range(CORRECTIONS):
             pose = self.robot.forward_kinematics(q)
             turn = goal[:3, :3] @ pose[:3, :3].T
+            # turn that is missing [rad], to first order
             axial = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
             error = np.concatenate([goal[:3, 3] - pose[:3, 3], axial])
             q = q + np.linalg.pinv(self.robot.hybrid.jacobian(q)) @ error

@@ -120,7 +120,7 @@ def scene(file: Path, arm: Arm = IIWA) -> mujoco.MjModel:
     for joint in spec.joints:
         joint.armature = ROTOR
     for geom in spec.geoms:
-        geom.contype = geom.conaffinity = 0
+        geom.contype = geom.conaffinity = 0  # only pads and box touch
     soft = {"solref": [0.01, 1.0], "friction": [FRICTION, 0.02, 1e-4], "condim": 4}
     for side in SIDES:
         spec.body(f"{side}_{arm.tip}").add_geom(

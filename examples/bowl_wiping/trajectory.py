@@ -88,11 +88,13 @@ def motion(sample_time: float) -> Motion:
 def poses(robot: ModuleType, geometry: Geometry, count: int) -> Array:
     """Return tip poses (count, 4, 4) in the base frame [m], SAMPLE_TIME apart."""
     time = SAMPLE_TIME * np.arange(count) + geometry.lead
+    # share [0, 1] of the way over the bowl, and of the way back
     there, back = (minimum_jerk(time / geometry.duration - start) for start in (0, 1))
-    angle = np.pi * (there - back)
+    angle = np.pi * (there - back)  # [rad], half a circle from rim to rim
     cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros(count)
     inward = np.stack([-cosine, -sine, zero], axis=1)
     travel = np.stack([-sine, cosine, zero], axis=1)
+    # axes as columns: x along the travel, z into the bowl's wall
     frame = np.stack([travel, np.cross(inward, travel), inward], axis=2)
     turn = Rotation.from_euler("xyz", [geometry.turn, *geometry.lean]).as_matrix()
     centre = tip_pose(robot, CENTRE_POSTURE, geometry.tip)[:3, 3] + geometry.centre

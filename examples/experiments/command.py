@@ -129,6 +129,7 @@ def _experiment(experiment: Experiment, describe: _Describe, options: argparse.N
         options.output.mkdir(parents=True, exist_ok=True)
         q = next(iter(trials[times[0]].values()))["q"]
         picture, film = options.output / report.PICTURE, options.output / report.FILM
+        # without MuJoCo or a display there is none
         content.picture = _made(render.picture, experiment, q[_places(experiment.pictured, len(q))], picture)
         progress.advance(work)
         content.film = _made(render.film, experiment, q[:: round(1 / (render.FRAMES_PER_SECOND * times[0]))], film)

@@ -72,6 +72,7 @@ def antisymmetric(robot: ModuleType, trials: Trials) -> Figure:
     _approach(axes)
     axes.plot(conventional["time"], conventional["antisymmetric"], "--", color=CONVENTIONAL, label="conventional")
     axes.plot(corrected["time"], corrected["antisymmetric"], color=CORRECTED, linewidth=2, label="corrected")
+    # some 40 dots on the line
     every = slice(None, None, max(1, len(conventional["time"]) // 40))
     form = closed_form(robot, conventional["q"][every], conventional["wrench_used"][every])
     axes.plot(

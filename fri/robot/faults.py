@@ -198,6 +198,7 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
 
 
 def _checked(item: str, match: re.Match[str], version: str) -> Fault:
+    """Return the fault that an item of --faults describes; raise FaultError where its parts do not fit its kind."""
     kind, argument = match["kind"], match["argument"] or ""
     if kind not in KINDS:
         raise FaultError(f"fault '{item}': no kind '{kind}'; there are {', '.join(KINDS)}")

@@ -195,10 +195,12 @@ def check_commands(received: Mapping[str, NDArray[Any]], summary: Mapping[str, A
     finite = np.isfinite(torque).all(axis=1)
     beyond = (np.abs(torque) > np.array(told["effort_limit"])).any(axis=1)
     # Each motion starts from zero torque.
-    motion = np.cumsum(np.diff(active, prepend=False))
+    motion = np.cumsum(np.diff(active, prepend=False))  # odd numbers count the motions
     first = np.flatnonzero(np.diff(motion[rows], prepend=-1))
-    limit = np.array(told["torque_rate_limit"]) * told["sample_time"]
+    # what the client said of its own limits
+    limit = np.array(told["torque_rate_limit"]) * told["sample_time"]  # [N m] of one step
     change = np.abs(np.diff(torque, axis=0, prepend=np.zeros((1, JOINTS))))
+    # that the client made between two commands that arrived
     steps = np.diff(received["command_sequence"][rows], prepend=0)
     change[first] = np.abs(torque[first])
     begin = np.array([np.flatnonzero(motion == motion[row])[0] for row in rows[first]], dtype=int)

@@ -211,15 +211,13 @@ def test_port_in_use_is_refused(one: Programs) -> None:
 
 
 def test_wrench_from_a_sensor(one: Programs, robot: ModuleType, plate_folder: Path, tmp_path: Path) -> None:
-    """Send six doubles per message as the sensor reports them: the log has the tip's wrench; silence makes missed
-    samples.
-    """
+    """Send readings as the sensor reports them: the log has the tip's wrench, and silence makes missed samples."""
     sensor_port = free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 100)
-    told, bias = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6]), np.array([3.0, 1.0, -2.0, 0.3, 0.1, -0.2])
+    told, bias = np.array([1.0, -2.0, 3.0, 0.4, -0.5, 0.6]), np.array([3.0, 1.0, -2.0, 0.3, 0.1, -0.2])  # [N], [N m]
     calibration = tmp_path / "sensor.json"
     calibration.write_text(calibration_text(plate_folder, bias, PAYLOAD))
     options = ("--wrench", "sensor", "--sensor-port", sensor_port, "--calibration", calibration, "--log", log,

@@ -49,14 +49,14 @@ def make_robot(plate: ModuleType, stiffness: float, mode: CommandMode = CommandM
 
 def test_joint_impedance_gives_way_as_a_spring(plate: ModuleType) -> None:
     """Push with constant torques for 2 s: the deflection [rad] is torque / stiffness, and the arm is at rest."""
-    robot = make_robot(plate, 200.0)
-    torque = np.array([15.0, -12, 10, 8, -6, 4, 5])
+    robot = make_robot(plate, 200.0)  # [N m/rad]
+    torque = np.array([15.0, -12, 10, 8, -6, 4, 5])  # [N m]
     robot.release()
     robot.command(Command(0, 0, FREE, torque, ()))
     for _ in range(400):
         robot.step(0.005)
     np.testing.assert_allclose(robot.q - FREE, torque / 200.0, rtol=2e-3)
-    assert np.abs(robot.dq).max() < 1e-3
+    assert np.abs(robot.dq).max() < 1e-3  # [rad/s]
 
 
 def test_without_stiffness_the_torque_alone_moves_the_arm(plate: ModuleType) -> None:

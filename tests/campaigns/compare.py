@@ -197,11 +197,11 @@ class Bench:
 
     def loaded(self) -> float:
         """Return the largest self-motion of a tip that is moved 15 cm in 0.6 s under a load of 20, 50 or 80 N."""
-        most, time = 0.0, np.arange(3000) * 1e-3
+        most, time = 0.0, np.arange(3000) * 1e-3  # [s]
         share = np.clip((time - 1.0) / 0.6, 0.0, 1.0)
         for force in (20.0, 50.0, 80.0):
             load = np.zeros((3000, 6))
-            load[:, 2] = -force * np.minimum(time / 0.5, 1.0)
+            load[:, 2] = -force * np.minimum(time / 0.5, 1.0)  # [N] hung on within 0.5 s
             for way in ((0.0, 0.15, 0.0), (0.0, 0.0, 0.15)):
                 goal = np.array([turned(self.pose, np.array(way) * x) for x in share])
                 most = max(most, self.self_motion(self.run(3000, goal, load=load)[1000:]))
@@ -239,8 +239,9 @@ class Bench:
         """Return rms acceleration [m/s^2] and error [mm] of the tip under a target at 10 Hz that scatters by 1 cm."""
         time, random = np.arange(8000) * 1e-3, np.random.default_rng(1)
         angle = 2 * np.pi * 0.25 * time
+        # [m] an ellipse at 0.25 Hz
         goal = np.array([turned(self.pose, (0.0, 0.1 * np.sin(a), 0.05 * (1.0 - np.cos(a)))) for a in angle])
-        targets = goal[::100].copy()
+        targets = goal[::100].copy()  # one in 100 ms
         targets[:, :3, 3] += 0.01 * random.normal(size=(len(targets), 3))
         rows = self.run(8000, np.repeat(targets, 100, axis=0))
         away = self.away(rows, goal)[1000:]

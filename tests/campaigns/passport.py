@@ -200,7 +200,7 @@ def loses_energy(plant: Plant, posture: np.ndarray, k: float, timing: LoopTiming
     law, random = Law(plant, posture, k, timing), np.random.default_rng(1)
     model, data = plant.model, plant.data
     J, M = plant.jacobian(posture), plant.mass(posture)
-    of_wall = wall * J.T @ np.diag([1.0] * 3 + [ROTATION] * 3) @ J
+    of_wall = wall * J.T @ np.diag([1.0] * 3 + [ROTATION] * 3) @ J  # stiffness of the wall in the joints (n, n)
     mujoco.mj_resetData(model, data)
     data.qpos[:] = posture
     steps = 8 if wall else 2
@@ -211,7 +211,7 @@ def loses_energy(plant: Plant, posture: np.ndarray, k: float, timing: LoopTiming
     energies = np.zeros(SAMPLES)
     for sample in range(SAMPLES):
         if sample == 0:  # a push so short that it is a velocity, in every direction of the tip
-            v = np.linalg.solve(M, J.T @ (random.normal(size=6) * [1, 1, 1, 0.2, 0.2, 0.2]))
+            v = np.linalg.solve(M, J.T @ (random.normal(size=6) * [1, 1, 1, 0.2, 0.2, 0.2]))  # shares of push and turn
             data.qvel[:] = v * swing * np.sqrt(law.values[-1]) / np.abs(v).max()
         data.qfrc_applied[:] = law.torque(data.qpos.copy(), data.qvel.copy())
         with held_by(of_wall, posture):
@@ -220,6 +220,7 @@ def loses_energy(plant: Plant, posture: np.ndarray, k: float, timing: LoopTiming
             return False
         away = data.qpos - posture
         energies[sample] = law.energy(data.qpos) + 0.5 * (data.qvel @ M @ data.qvel + away @ of_wall @ away)
+    # over 100 samples: the energy swings with the motion
     first, third, last = energies[:100].max(), energies[-200:-100].max(), energies[-100:].max()
     return bool(last < third or last < 1e-2 * first)
 

@@ -118,9 +118,9 @@ def gaps(random: Random, loop: Loop) -> Schedule:
 def streams(random: Random, loop: Loop) -> Schedule:
     """Draw targets that are streamed with jitter while a load hangs at the tip or the arm is moved."""
     made = _base(random, loop)
-    made.parts[0]["jitter"] = 10 ** random.uniform(-13, -0.5)
+    made.parts[0]["jitter"] = 10 ** random.uniform(-13, -0.5)  # [rad] from rounding to a third of a radian
     made.parts[0]["wanted_rate"] = random.normal(size=loop.n) * 10 ** random.uniform(-3, 0.5) * (random.random() < 0.5)
-    made.parts[0]["load"] = random.normal(size=6) * [30, 30, 60, 5, 5, 5]
+    made.parts[0]["load"] = random.normal(size=6) * [30, 30, 60, 5, 5, 5]  # [N], [N m]
     made.parts += [part(random, loop, True) for _ in range(random.integers(0, 4))]
     made.parts = [one for one in made.parts if not lies(one)]
     return ordered(made)

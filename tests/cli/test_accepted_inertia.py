@@ -120,7 +120,7 @@ def test_the_mass_matrix_is_checked_over_the_joint_range(name: str, tmp_path: Pa
         file = written(tmp_path, text.replace('lower="-2" upper="2"', f'lower="{ends[0]}" upper="{ends[1]}"'))
     else:
         file = written(tmp_path, text.replace("revolute", "continuous"))
-    assert min(least[:3]) > 0.02 and least[3] < -0.02
+    assert min(least[:3]) > 0.02 and least[3] < -0.02  # smallest eigenvalue of the mass matrix [kg m^2]
     chain = load_chain(file, accept_inertia=["all"])
     assert [(each.link, each.is_nearest) for each in chain.accepted] == [("l2", True)]
 

@@ -86,8 +86,9 @@ def test_a_gap_in_which_the_turn_is_lost_costs_the_most(turning: ModuleType) -> 
     controller = turning.Impedance(**STATED, call_gap_limit=1, **held)
     for k in range(300):
         out = controller.step(q=START, dq=np.zeros(3), q0=START + 0.1 * FIRST, counter=k, **SPRING)
-    torque, before = out.torque[0], out.tank + out.stored
+    torque, before = out.torque[0], out.tank + out.stored  # [N m], [J]
     assert torque > 0.5
+    # more than half a turn: by the encoder alone it could be -2.2 rad
     out = controller.step(q=wrapped(START + 4.1 * FIRST), dq=[-27.6, 0, 0], q0=START, counter=300 + 79, **SPRING)
     assert before - out.tank - out.stored >= torque * 4.1
 

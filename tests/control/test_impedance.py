@@ -208,16 +208,16 @@ def test_the_torque_is_that_of_springs_and_damping(robot: ModuleType) -> None:
 
 
 def test_damping_is_that_of_the_modes(robot: ModuleType) -> None:
-    """B = L f(C) L^T + d I, with f(l) for the ratio and half a sample of delay: by NumPy's eigenvectors."""
+    """Compute B = L f(C) L^T + d I from NumPy's eigenvectors, with f(l) for the ratio and half a sample of delay."""
     controller = robot.Impedance(**ARM, tank_initial=500.0)
     out = controller.step(**AT_REST, counter=0)
     dq = 0.05 * np.arange(1.0, 8.0)
     q, T, zeta = Q + 1e-3 * dq, 1e-3, 0.7
     out = controller.step(**AT_REST | {"q": q, "dq": dq}, counter=1)
     E = robot.forward_kinematics(out.reference)
-    M = robot.mass_matrix(q) + 0.1 * np.eye(7)
+    M = robot.mass_matrix(q) + 0.1 * np.eye(7)  # with the rotors' 0.1 kg m^2
     L = np.linalg.cholesky(M)
-    K = robot.spring.joint_stiffness(q, E, KT, KO) + np.eye(7)
+    K = robot.spring.joint_stiffness(q, E, KT, KO) + np.eye(7)  # with the posture's 1 N m/rad
     values, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
     # 250 / s is the largest eigenvalue of M^-1 B; the joints' own damping d takes at most half of it.
     softness, late = np.diag(np.linalg.inv(M)).sum(), 0.5 * T
@@ -277,7 +277,7 @@ def test_a_reset_after_a_lost_sensor_brakes_a_coasting_arm(robot: ModuleType) ->
         controller, arm = robot.Impedance(**ARM, position_quantum=2e-6), Arm(robot, Q)
         springs, work, most = {**AT_REST, "translation_stiffness": 2000 * np.eye(3)}, 0.0, 0.0
         for k in range(10):
-            springs |= {"q": arm.q * (np.nan if k > 5 else 1.0), "dq": arm.dq}
+            springs |= {"q": arm.q * (np.nan if k > 5 else 1.0), "dq": arm.dq}  # the sensor is lost
             out = controller.step(**springs, counter=k)
         assert out.reason == robot.Reason.NOT_FINITE
         arm.dq[joint] = 0.8 * robot.VELOCITY[joint]
@@ -291,21 +291,23 @@ def test_a_reset_after_a_lost_sensor_brakes_a_coasting_arm(robot: ModuleType) ->
             work += 1e-3 * float(out.torque @ (before + arm.dq)) / 2
             most = max(most, float(np.max(np.abs(arm.dq) / robot.VELOCITY)))
             assert work < 1e-6
-        assert out.mode == robot.Mode.ACTIVE and not out.fault and most < 1.05
+        assert out.mode == robot.Mode.ACTIVE and not out.fault and most < 1.05  # of the velocity limit
         assert np.max(np.abs(arm.dq) / robot.VELOCITY) < 0.4  # self-motion, which no spring opposes, ends slowly
 
 
 def test_a_wrench_is_exerted_and_paid_from_the_tank(robot: ModuleType) -> None:
-    """J^T F at rest; the share rises from 0, and the tank pays for the work of a tip that gives way."""
+    """Command a wrench: it is J^T F at rest, its share rises from 0, and the tank pays for the work of a tip that
+    gives way.
+    """
     controller = robot.Impedance(**ARM, tank_initial=100.0, position_quantum=2e-6)
-    wrench = np.array([5.0, 0, -20, 0, 1, 0])
+    wrench = np.array([5.0, 0, -20, 0, 1, 0])  # [N], [N m]
     for k in range(200):  # 0.2 s: the share has risen to 1
         out = controller.step(**AT_REST, counter=k, wrench_command=wrench)
     J = np.reshape(robot.hybrid.jacobian(Q), (6, 7))
     np.testing.assert_allclose(out.feedforward_torque, J.T @ wrench, atol=1e-9)
     np.testing.assert_allclose(out.torque, J.T @ wrench, atol=1e-9)
     q, tank, work = Q.copy(), out.tank + out.stored, 0.0
-    dq = np.linalg.pinv(J) @ [0, 0, -0.05, 0, 0, 0]
+    dq = np.linalg.pinv(J) @ [0, 0, -0.05, 0, 0, 0]  # the tip gives way at 50 mm/s
     for k in range(200, 300):
         work += float(out.torque @ (1e-3 * dq))
         q = q + 1e-3 * dq

@@ -307,15 +307,15 @@ def test_the_recorded_arm_turns_and_goes_round_a_circle(plugin: ModuleType) -> N
         position, rotation = _site(model, row)
         np.testing.assert_allclose(position, [row[name] for name in POSE[:3]], atol=1e-6)
         assert (rotation * turn.inv()).magnitude() < 1e-6
-    late = 2 * np.pi / 3.0 * np.maximum(time - 0.2, 0.0)
+    late = 2 * np.pi / 3.0 * np.maximum(time - 0.2, 0.0)  # phase [rad] of a circle of 3 s and 5 cm
     for name, way in (("x", 0.0 * late), ("y", 0.05 * np.sin(late)), ("z", 0.05 * (1 - np.cos(late)))):
         np.testing.assert_allclose(seen[f"ee.{name}"] - seen[f"ee.{name}"][0], way, atol=5e-3)
-    for turn, angle in zip(turns, 0.2 * np.sin(late), strict=True):
+    for turn, angle in zip(turns, 0.2 * np.sin(late), strict=True):  # the hand turns about x by up to 0.2 rad
         wanted = Rotation.from_rotvec(turns[0].as_rotvec() + np.array([angle, 0.0, 0.0]))
         assert (turn * wanted.inv()).magnitude() < 0.02
     for k in range(1, 8):
         steps, velocity = np.diff(seen[f"A{k}.pos"]), seen[f"A{k}.vel"]
-        np.testing.assert_allclose(steps, PERIOD / 2 * (velocity[1:] + velocity[:-1]), atol=1e-3)
+        np.testing.assert_allclose(steps, PERIOD / 2 * (velocity[1:] + velocity[:-1]), atol=1e-3)  # trapezoidal rule
         assert np.ptp(velocity) > 0.02, "rad/s"
 
 

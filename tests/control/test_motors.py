@@ -131,12 +131,12 @@ def test_the_joints_are_mujocos(ankle: Any) -> None:
 
 @pytest.mark.slow
 def test_the_torque_is_the_slope_of_the_springs_energy(ankle: Any) -> None:
-    """Differences of the energy along MuJoCo's closure, a tenth of half a turn from the reference."""
+    """Compare with differences of the energy along MuJoCo's closure, a tenth of half a turn from the reference."""
     linkage, arm = Linkage(ankle.module), controller(ankle, position_quantum=1e-3)
     a, goal = np.array([0.35, -0.2]), np.array([0.2, 0.1])
     linkage.close(goal)
     equilibrium = linkage.pose()
-    for counter in range(1500):
+    for counter in range(1500):  # 1.5 s: the reference has reached the goal
         out = arm.step(q=a, dq=[0, 0], q0=goal, counter=counter, **SPRING)
     assert not out.fault, out.text
     np.testing.assert_allclose(out.reference, goal, atol=1e-9)
@@ -145,7 +145,7 @@ def test_the_torque_is_the_slope_of_the_springs_energy(ankle: Any) -> None:
         linkage.close(a)
         return energy(linkage.pose(), equilibrium) + float((a - goal) @ (a - goal)) / 2
 
-    h = 1e-3
+    h = 1e-3  # [rad], for the five-point rule
     steps = h * np.eye(2)
     slope = [(8 * (stored(a + s) - stored(a - s)) - stored(a + 2 * s) + stored(a - 2 * s)) / (12 * h) for s in steps]
     assert np.abs(out.torque + slope).max() < 1e-7 * np.abs(slope).max()

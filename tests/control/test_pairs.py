@@ -104,6 +104,7 @@ def test_the_pair_leaves_common_motion_alone(dual: GeneratedRobot) -> None:
     stored = []
     for controller, spring in zip(controllers, (2, 3), strict=True):
         for counter in range(100):
+            # 50 ms of rest, then 0.1 rad in 50 ms
             q = Q if counter < 50 else Q + (turned - Q) * min(1.0, (counter - 49) / 50)
             dq = (turned - Q) / 0.05 if 50 <= counter < 99 else np.zeros(5)
             out = controller.step(counter=counter, q=q, dq=dq, q0=Q, posture_stiffness=0.0, **stiff(400.0, spring))

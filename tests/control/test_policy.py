@@ -49,14 +49,14 @@ def test_stiffness_stays_between_its_ends(robot: ModuleType) -> None:
     random, port = np.random.default_rng(1), _port(robot)
     old = np.zeros((3, 3))
     for k in range(20):
-        A = random.normal(size=(3, 3)) * 20
+        A = random.normal(size=(3, 3)) * 20  # A A^T: a stiffness of some 400 N/m in random axes
         port.propose(now=0.05 * k, time=0.05 * k, translation_stiffness=A @ A.T, rotation_stiffness=np.eye(3))
-        for now in 0.05 * k + np.linspace(0, 0.05, 4):
+        for now in 0.05 * k + np.linspace(0, 0.05, 4):  # [s] within the period of 50 ms
             inside = port.command(now).translation_stiffness
             x = random.normal(size=3)
             ends = sorted((x @ old @ x, x @ A @ A.T @ x))
             assert ends[0] - 1e-9 <= x @ inside @ x <= ends[1] + 1e-9
-        old = port.command(0.05 * (k + 1) - 1e-9).translation_stiffness
+        old = port.command(0.05 * (k + 1) - 1e-9).translation_stiffness  # just before the next proposal
         if k:
             np.testing.assert_allclose(old, A @ A.T, rtol=1e-6, atol=1e-3)
 
@@ -218,7 +218,7 @@ def test_a_session_with_a_poor_commander(robot: ModuleType) -> None:
         now = 1e-3 * k
         if k % 50 == 0 and not 1000 <= k < 2200:  # 20 Hz, with a silence of 1.2 s
             goal = _pose(robot) if k % 100 else _goal(robot)
-            stamp = now - random.choice([0.0, 0.02, 0.2, -0.5], p=[0.6, 0.2, 0.1, 0.1])
+            stamp = now - random.choice([0.0, 0.02, 0.2, -0.5], p=[0.6, 0.2, 0.1, 0.1])  # [s]; below 0: future
             bad = goal * np.nan if random.random() < 0.1 else goal
             found = port.propose(now=now, time=stamp, pose=bad, wrench_command=[3.0, 0, 0, 0, 0, 0], **SPRINGS)
             refused |= set(found.values())

@@ -56,17 +56,17 @@ def test_an_approach_is_slow_and_stays_near_the_tip(robot: ModuleType) -> None:
 
 
 def test_contact_integrates_and_hands_over(robot: ModuleType) -> None:
-    """Touch for three samples: contact begins; then force and spring together grow by the gain."""
+    """Touch for three samples: contact begins; then force and spring grow by the gain until the spring bears all."""
     pressed = Pressed(robot)
     start = pressed.ahead(pressed.run(99, 0.0))
-    assert pressed.run(2, 4.0).stage == robot.PressStage.APPROACH
+    assert pressed.run(2, 4.0).stage == robot.PressStage.APPROACH  # two samples of 4 N are not yet a contact
     made = pressed.run(1, 4.0)
     assert made.stage == robot.PressStage.CONTACT
     start = pressed.ahead(made)
     made = pressed.run(50, 10.0)
     np.testing.assert_allclose(np.cross(made.wrench_command[:3], AXIS), 0.0, atol=1e-12)
     grown = float(made.wrench_command[:3] @ AXIS) + 600.0 * (pressed.ahead(made) - start)
-    assert 4.0 < pressed.press.gain < 20.0
+    assert 4.0 < pressed.press.gain < 20.0  # [1/s]
     # 50 samples of 1 ms at an error of 15 - 10 N; 600 N/m is the spring's stiffness.
     assert grown == pytest.approx(50 * 1e-3 * pressed.press.gain * 5.0, rel=1e-9)
     made = pressed.run(3000, 15.0)  # handed over

@@ -173,9 +173,10 @@ def test_inside_a_graph(small, arm):
 
 
 def test_solver(small, arm):
-    """IPOPT through Opti: the posture whose stiffness is a wanted one is found again."""
+    """Find again, by IPOPT through Opti, the posture whose stiffness is a wanted one."""
     n = small.chain.dof
-    K, wrench = np.diag([700.0, 700, 800, 30, 30, 30]), np.array([1.0, 2, -3, 0.1, 0.2, -0.3])
+    K = np.diag([700.0, 700, 800, 30, 30, 30])  # [N/m], [N m/rad]
+    wrench = np.array([1.0, 2, -3, 0.1, 0.2, -0.3])  # [N], [N m]
     there = np.full(n, 0.4)
     wanted = small.module.hybrid.joint_stiffness(there, wrench, K)
     opti = ca.Opti()

@@ -79,7 +79,8 @@ def test_shapes(tree):
 
 def test_the_bases_own_connection_term_matters(tree):
     """Leave the base's own term out: its block is not even symmetric, as docs/whole_body.md says."""
-    wrench, stiffness = np.array([20.0, -30, 10, 5, 8, -6]), np.diag([900.0, 400, 1500, 40, 20, 60])
+    wrench = np.array([20.0, -30, 10, 5, 8, -6])  # [N], [N m] in the tip's axes
+    stiffness = np.diag([900.0, 400, 1500, 40, 20, 60])  # [N/m], [N m/rad]
     found = values(tree.model.left.body.joint_stiffness(tree.q, wrench, stiffness))
     J = values(tree.model.left.body.jacobian(tree.q))
     kinematic = values(tree.model.left.body.kinematic_stiffness(tree.q, wrench))
@@ -88,11 +89,11 @@ def test_the_bases_own_connection_term_matters(tree):
     def cross(v):
         return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
-    def gamma(f, m):
+    def gamma(f, m):  # the connection's term: what the wrench adds to the stiffness of a turning tip
         return np.block([[np.zeros((3, 3)), cross(f)], [np.zeros((3, 3)), cross(m) / 2]])
 
     without = kinematic + J.T @ (stiffness + gamma(force, moment)) @ J
-    on_base = (J.T @ wrench)[:6]
+    on_base = (J.T @ wrench)[:6]  # the wrench as the base bears it, in the base's axes
     expected = without.copy()
     expected[:6, :6] -= gamma(on_base[:3], on_base[3:])
     assert_close(found, expected)
@@ -101,7 +102,7 @@ def test_the_bases_own_connection_term_matters(tree):
 
 @pytest.mark.parametrize("rep", REPRESENTATIONS)
 def test_derivative_of_the_jacobian_along_the_coordinates(rep, tree):
-    """Differences of the Jacobian's kernel, the base moved along each of its unit twists."""
+    """Compare with differences of the Jacobian's kernel, the base moved along each of its unit twists."""
     group, n, step = getattr(tree.model.left, rep), tree.chain.dof, 1e-4
 
     def jacobian(k, far):
@@ -117,7 +118,7 @@ def test_derivative_of_the_jacobian_along_the_coordinates(rep, tree):
     wrench = np.array([20.0, -30, 10, 5, 8, -6])
     for k in range(n):
         near, far = (jacobian(k, d) - jacobian(k, -d) for d in (1, 2))
-        expected = (8 * near - far) / (12 * step)
+        expected = (8 * near - far) / (12 * step)  # five-point rule
         assert np.abs(found[k].T - expected).max() < 1e-10 * max(1, np.abs(expected).max())
     kinematic = values(group.kinematic_stiffness(*where, wrench))
     assert_close(kinematic, np.einsum("ibk,k->bi", found, wrench))

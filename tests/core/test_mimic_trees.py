@@ -45,7 +45,7 @@ def drawn_tree(seed: int, source: random.Random) -> tuple[str, str, set[str]]:
     """Return text, tip and kinds of couplings of a random tree of 5 to 9 joints, two of which may follow."""
     size = source.randint(5, 9)
     parents = [0, *(source.choice((k, source.randint(0, k))) for k in range(1, size))]
-    path, link = set(), source.randint(2, size)
+    path, link = set(), source.randint(2, size)  # joints between the tip and the base
     tip = f"l{link}"
     while link:
         path.add(link - 1)
@@ -54,6 +54,7 @@ def drawn_tree(seed: int, source: random.Random) -> tuple[str, str, set[str]]:
     pairs = [(a, b) for a, b in itertools.combinations(range(size), 2)]
     source.shuffle(pairs)
     wanted = list(PLACES)[seed % 4]
+    # pairs of the wanted kind come first
     pairs.sort(key=lambda pair: (pair[0] in path, pair[1] in path) != PLACES[wanted])
     for master, follower in pairs:
         if len(masters) < 2 and not {master, follower} & (set(masters) | set(masters.values())):

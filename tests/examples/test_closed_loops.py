@@ -136,8 +136,9 @@ def test_five_bar_against_the_intersection_of_two_circles() -> None:
     """Compare the five-bar linkage (links of 0.2 and 0.35 m) with plane geometry: energy, torque and stiffness."""
     a = ca.SX.sym("a", 2)
     left = 0.2 * ca.vertcat(ca.cos(a[0]), ca.sin(a[0]))
+    # from elbow to elbow; the motors are 0.3 m apart
     across = ca.vertcat(0.3, 0) + 0.2 * ca.vertcat(ca.cos(a[1]), ca.sin(a[1])) - left
-    height = ca.sqrt(0.35**2 / ca.sumsqr(across) - 0.25)
+    height = ca.sqrt(0.35**2 / ca.sumsqr(across) - 0.25)  # of the tip above the middle, in lengths of across
     point = ca.vertcat(left + across / 2 + height * ca.vertcat(-across[1], across[0]), 0)
     x = np.linspace(-0.05, 0.35, 9)
     motors = five_bar_motors(x, 0.4)
@@ -214,7 +215,7 @@ def test_leg_against_rods_of_constant_length() -> None:
     with mp.workdps(40):
         geometry = leg_geometry()
         for knee in (0.1, -1.0, -2.0):
-            start = np.array([{"knee": knee, "heel_spring": 0.1, "crank": -1.34}[name] for name in motors])
+            start = np.array([{"knee": knee, "heel_spring": 0.1, "crank": -1.34}[name] for name in motors])  # [rad]
             q = np.array(robot.close(start, robot.chain.start)).ravel()
             near = [float(q[names.index(name)]) for name in ("tarsus", "foot")]
 
@@ -225,7 +226,7 @@ def test_leg_against_rods_of_constant_length() -> None:
                 return loaded.wrench[2] * geometry(**at, tarsus=tarsus, foot=foot)[0][2]
 
             stiffness = np.array(robot.motors.joint_stiffness(q, loaded.wrench, loaded.task))
-            for i, j in ((0, 0), (0, 1), (1, 1), (0, 2)):
+            for i, j in ((0, 0), (0, 1), (1, 1), (0, 2)):  # second differences of the energy
                 total = mpf(0)
                 for one, other in product((1, -1), repeat=2):
                     moved = [one * step * (k == i) + other * step * (k == j) for k in range(3)]

@@ -54,10 +54,11 @@ def serl(goal: laws.State, state: laws.State) -> np.ndarray:
     now, wanted = (Rotation.from_matrix(each.pose[:3, :3]) for each in (state, goal))
     vector = (now.inv() * wanted).as_quat(canonical=True)[:3]
     e = np.r_[state.pose[:3, 3] - goal.pose[:3, 3], -now.apply(vector)]
+    # clipped at 1 cm and 0.05 rad, as in SERL's code
     e = np.minimum(np.maximum(e, [-0.01] * 3 + [-0.05] * 3), [0.01] * 3 + [0.05] * 3)
     task = state.J.T @ -(np.r_[[2000] * 3, [150] * 3] * e + np.r_[[89] * 3, [7] * 3] * (state.J @ state.dq))
     qe, dqe = goal.q - state.q, state.dq.copy()
-    qe[0] *= 100
+    qe[0] *= 100  # SERL holds the first joint 100 times as stiff
     dqe[0] *= 2 * np.sqrt(100)
     free = np.eye(7) - state.J.T @ np.linalg.inv(state.J @ state.J.T) @ state.J
     return task + free @ (0.2 * qe - 2 * np.sqrt(0.2) * dqe)

@@ -37,7 +37,7 @@ def test_the_replayed_trajectory_lies_20_mm_lower(robot: ModuleType) -> None:
     """Replay in MuJoCo: 20 mm lower; the documented inverse kinematics makes the trajectory anew."""
     before, after = trajectory.recorded(), trajectory.zero_force()
     moved = poses(after[::10])[:, :3, 3] - poses(before[::10])[:, :3, 3]
-    assert abs(moved[:, 2].mean() + 0.020) < 1e-4
+    assert abs(moved[:, 2].mean() + 0.020) < 1e-4  # [m]
     assert moved[:, 2].std() < 1e-4
     made = poses(trajectory.shifted(robot, before, trajectory.DEPTH)[::10])
     np.testing.assert_allclose(made[:, :3, 3], poses(after[::10])[:, :3, 3], atol=4e-4)

@@ -107,10 +107,11 @@ def test_identification_finds_modes_that_are_known() -> None:
     """Identify three known modes: two swing, one of them damped, and one grows."""
     time = 0.004 * np.arange(400)
     shapes = np.array([[1.0, 2, -1], [0.5, -1, 0.2], [1, 1, 1]])
+    # a swing, a damped swing, a growth: 20 rad/s, 31 rad/s at 1/s, 2/s
     parts = np.array([np.cos(20 * time + 0.3), np.exp(-time) * np.cos(31 * time), 0.1 * np.exp(2 * time)])
     responses = np.stack([(shapes.T * w) @ parts for w in ([1.0, 2, 1], [2, -1, 1], [1, 1, -3])]).transpose(2, 1, 0)
     found = identify.modes(responses, 0.004, 5)
-    exponents = [2, 20j, -1 + 31j]
+    exponents = [2, 20j, -1 + 31j]  # [1/s] by decreasing growth
     for mode, exponent, shape in zip(found[:1] + found[1:], exponents, shapes[[2, 0, 1]], strict=True):
         assert mode.exponent == pytest.approx(exponent, abs=1e-6)
         assert identify.agreement(np.eye(3), mode.shape, shape) > 1 - 1e-8

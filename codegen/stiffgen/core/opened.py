@@ -234,7 +234,7 @@ def overview(robot: GeneratedRobot) -> str:
         f"tip {listed([tip.link for tip in chain.tips], 8)}, {robot.folder}",
         *(
             " ".join(cell.ljust(width) if k in (1, 2) else cell.rjust(width) for k, (cell, width) in enumerate(pairs))
-            for pairs in (list(zip(row, widths, strict=True)) for row in rows)
+            for pairs in (list(zip(row, widths, strict=True)) for row in rows)  # cells with their columns' widths
         ),
     ]
     if len(chain.coordinates) > _MOST_JOINTS:

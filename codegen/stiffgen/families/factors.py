@@ -261,7 +261,7 @@ class _Reflections:
         """Return the solution y of A^T y = right."""
         b = [right[column] for column in self.columns]
         for k in range(self.size):
-            terms = _dot([self.triangle[j][k] for j in range(k)], b[:k])
+            terms = _dot([self.triangle[j][k] for j in range(k)], b[:k])  # the transposed triangle is solved forwards
             b[k] = (b[k] - terms) * self.inverse_diagonal[k]
         for k, v, scale in reversed(self.reflections):
             b[k:] = _reflected(v, scale, b[k:])

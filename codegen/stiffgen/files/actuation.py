@@ -98,7 +98,9 @@ def _force(mujoco: Any, model: Any, k: int) -> ForceRange:
 def _joint_forces(
     mujoco: Any, model: Any, pulls: dict[tuple[bool, int], list[tuple[ForceRange, float]]]
 ) -> list[tuple[float | None, float | None]]:
-    """Return the range of the force on each joint, from forces and gears of the actuators by joint or tendon."""
+    """Return the range (low, high) [N], [N m] of the force on each joint, from forces and gears of the actuators by
+    joint or tendon.
+    """
     on_joints: dict[int, ForceRange] = {}
     for target, actuators in pulls.items():
         is_tendon, number = target

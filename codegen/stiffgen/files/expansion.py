@@ -143,7 +143,7 @@ class _Context(dict[str, Any]):
 
 
 def _expanded(request: dict[str, Any]) -> dict[str, Any]:
-    """Return the answer to a request."""
+    """Return the answer to a request: the template's text after xacro, with files, packages and variables it used."""
     import xacro
     from xacrodoc import XacroDoc
 
@@ -151,6 +151,7 @@ def _expanded(request: dict[str, Any]) -> dict[str, Any]:
     named = [Path(each).resolve() for each in request["package_path"]]
     packages = Packages(Path(file), named, os.environ)
     files = _Files(packages)
+    # the template reads through these, so that each file is noted
     xacro.open, xacro.glob = files.open, SimpleNamespace(glob=files.matching)
     xacro.substitution_args_context = _Context()
     variables = _confine(xacro, packages)

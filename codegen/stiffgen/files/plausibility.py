@@ -125,7 +125,7 @@ def _about_gravity(chain: Chain) -> Iterator[str]:
     """Yield the joints whose effort limit does not carry the arm, where the base's z axis points up."""
     random = np.random.default_rng(46)
     lower, upper = np.array([each.range_within(math.pi) for each in chain.coordinates]).T
-    largest = np.zeros(len(lower))
+    largest = np.zeros(len(lower))  # of the torques of gravity met so far [N m], [N]
     for _ in range(_STATES):
         torque = np.zeros(len(lower))
         for joint, (rotation, motion) in zip(

@@ -305,6 +305,7 @@ def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised
     folder = generate(file, name="tree", output=tmp_path, **options)
     robot = open_robot(folder)
     pool = Samples(robot.chain, count, seed=3)
+    # compliance and deflection of each tip
     table = [each for each in robot.table if each.on_request and each.name.startswith(("tip_comp", "deflec"))]
     assert {each.tip.name if each.tip else "" for each in table} == {"left", "right", ""}
     refused = 0
@@ -332,7 +333,7 @@ def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised
             assert (errors[~no_number.any(axis=1)] <= 1e-11 * sizes[~no_number.any(axis=1)]).all(), (
                 kernel.qualified_name
             )
-    assert refused > 10
+    assert refused > 10  # enough even states are unstable for the comparison of refusals to mean something
 
 
 def test_products_are_lowered_column_by_column():

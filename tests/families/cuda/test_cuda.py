@@ -144,6 +144,7 @@ def test_every_matrix_for_each_configuration(host, robot, chain):
                         assert_close(ours, theirs)
     kernel = kernels["hybrid_joint_stiffness"]
     q, wrench, out = np.zeros((7, 4)), np.zeros((6, 4)), np.full((28, 4), NOTHING)
+    # three columns for four configurations
     assert host.launch(kernel, 4, 4, q, wrench, np.zeros((36, 3)), out, each=True) == 1
     assert (out == NOTHING).all()
     assert host.launch(kernel, 4, 4, q, wrench, np.zeros((36, 4)), out, each=True) == 0

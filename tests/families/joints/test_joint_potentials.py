@@ -52,6 +52,7 @@ def test_values_at_the_edges(model):
 def test_the_limits_two_derivatives_are_continuous(model):
     """Cross a zone's edge: nothing jumps; at the limit the stiffness is the one asked for."""
     lower, upper, zone, k = np.full(7, -1.0), np.full(7, 1.0), 0.25, np.linspace(10, 70, 7)
+    # angle [rad]; share of k that the tangent has reached: 0 at the zone's edge (0.75), 1 at the limit (1.0)
     for q, share in ((0.75, 0.0), (0.75 + 1e-9, 4e-9), (0.875, 0.5), (1.0, 1.0), (1.25, 2.0), (-1.0, 1.0), (0.0, 0.0)):
         at = np.full(7, q)
         torque = np.array(model.limits.torque(at, lower, upper, zone, k)).ravel()

@@ -174,6 +174,7 @@ def test_a_parallelogram_is_a_mimic_joint(tmp_path):
     source = np.random.default_rng(1)
     for _ in range(20):
         a, velocity, gravity = source.uniform(0.3, 1.3, 2), source.normal(size=2), source.normal(size=3)
+        # the coupler keeps its direction, so it turns back by the crank's angle
         order = {"crank": a[0], "coupler": -a[0], "tool": a[1], "rocker": a[0]}
         q = np.array([order[each.name] for each in closed.coordinates])
         assert np.abs(motors.close(a, q + 0.1).ravel() - q).max() <= 2e-15
@@ -388,12 +389,13 @@ def test_motion_against_mujoco_with_a_stiff_constraint(tmp_path):
         mujoco.mj_forward(model, data)
         return float(data.qacc[order[chain.actuated[0]]])
 
-    for a, rate in ((0.5, 0.0), (0.9, 1.5), (1.3, -2.0)):
+    for a, rate in ((0.5, 0.0), (0.9, 1.5), (1.3, -2.0)):  # crank [rad], [rad/s]
         q = motors.close(a, chain.start).ravel()
         mass = motors.motors_mass_matrix(q).item()
         expected = -motors.motors_bias_forces(q, [rate], gravity).item() / mass
         assert abs(acceleration(a, rate) - expected) <= 1e-4 * abs(expected)
         h = 1e-3
+        # torque of gravity at rest on either side; its slope is minus the stiffness
         forces = [motors.motors_mass_matrix(motors.close(a + d, q)).item() * acceleration(a + d, 0.0) for d in (h, -h)]
         stiffness = motors.motors_gravity_joint_stiffness(q, gravity).item()
         assert abs((forces[1] - forces[0]) / (2 * h) - stiffness) <= 1e-4 * abs(stiffness)

@@ -115,6 +115,7 @@ def test_the_half_way_point_serves_both_tips_alike(tmp_path: Path) -> None:
     links = [called(chain, pose, given | {"tool_pose": np.eye(4)}) for pose in poses]
     tools = np.stack([np.linalg.inv(links[0]), np.linalg.inv(links[1]) @ target])
     given |= {"rest": rest, "tool_poses": tools, "translation_stiffness": 800 * np.eye(3)}
+    # [N] along y: stiffness times the offset that either tip sees
     from_a, from_b = 800 * target[1, 3], 800 * (np.linalg.inv(target)[1, 3])
     assert np.isclose(from_a, 16.0) and np.isclose(from_b, 16.0, rtol=0.01)  # both along +y: opposite springs
     assert abs(called(chain, kernels["pair_wrench"], given)[7]) < 0.05  # [N] along y on B

@@ -122,14 +122,14 @@ def test_mujoco_in_motion(tmp_path):
         data.qfrc_applied[:] = random.normal(size=4) * 20
         wrench, tip = random.normal(size=6) * [20, 20, 20, 3, 3, 3], model.body("tip").id
         mujoco.mj_kinematics(model, data)
-        arm = data.xipos[tip] - data.xpos[tip]
+        arm = data.xipos[tip] - data.xpos[tip]  # xfrc_applied acts at the centre of mass, the wrench at the tip
         data.xfrc_applied[tip] = [*wrench[:3], *(wrench[3:] - np.cross(arm, wrench[:3]))]
         mujoco.mj_forward(model, data)
         given = {
             "q": data.qpos, "velocity": data.qvel, "acceleration": data.qacc, "reading": data.sensordata,
             "bias": np.zeros(6), "payload": payload_of(model, data),
         }  # fmt: skip
-        assert np.abs(data.qacc).max() > 1
+        assert np.abs(data.qacc).max() > 1  # [rad/s^2] the inertia of the payload matters
         found = value(chain, kernel, given).ravel()
         np.testing.assert_allclose(found, wrench, rtol=0, atol=1e-6)
 

@@ -172,7 +172,7 @@ def test_mcap(here, robot, robot_folder):
         found = summary["measures"][name]
         assert found["least"] == values.min() and found["most"] == values.max(), name
     assert "frame 'sensor'" in summary["notes"][0]
-    np.testing.assert_allclose(summary["time"]["last"], 1 + ROWS[-1, 0], atol=1e-9)
+    np.testing.assert_allclose(summary["time"]["last"], 1 + ROWS[-1, 0], atol=1e-9)  # [s]; the bag begins at 1 s
 
 
 def test_mcap_of_several_topics(here, robot_folder):

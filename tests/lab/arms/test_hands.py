@@ -64,8 +64,10 @@ def test_internal_wrench_of_a_squeezed_box(tmp_path: Path) -> None:
     """Squeeze a box of any weight: the internal wrench comes back, and a bias shows in the residual."""
     chain = two_hands(tmp_path)
     q = RANDOM.uniform(-1, 1, len(chain.coordinates))
+    # [N], [N m] about a hand's tip, about point
     (a, b), squeeze, weight = poses(chain, q), RANDOM.normal(size=6), np.array([0.3, 0, -20.0, 0.1, 0.2, 0])
     pa, pb, point = a[:3, 3], b[:3, 3], RANDOM.normal(size=3)
+    # each hand bears half of the weight; at(w, from, to) moves a wrench's point
     on_a = at(weight / 2 - at(squeeze, pb, point), point, pa)
     on_b = at(weight / 2, point, pb) + squeeze
     found = stiffgen.internal_wrench(on_a, on_b, a, b, point=point, load=weight)
@@ -74,6 +76,7 @@ def test_internal_wrench_of_a_squeezed_box(tmp_path: Path) -> None:
     assert np.abs(found.residual).max() < 1e-13
     bias = np.array([1.0, 0, 0, 0, 0, 0])
     wrong = stiffgen.internal_wrench(on_a, on_b + bias, a, b, point=point, load=weight)
+    # half of a bias on one hand is a squeeze, half is net; the known load uncovers it
     np.testing.assert_allclose(wrong.internal[:3] - found.internal[:3], bias[:3] / 2, atol=1e-13)
     np.testing.assert_allclose(wrong.residual[:3], bias[:3], atol=1e-13)
     opposite = stiffgen.internal_wrench(on_a - bias, on_b + bias, a, b, point=point, load=weight)

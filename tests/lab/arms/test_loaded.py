@@ -189,6 +189,7 @@ def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_lo
 ) -> None:
     """Bend a posture by 1e-12 rad: its softest load is found, where it sinks by 370 mm at 90 N."""
     rest, springs, straight = np.array([0, bend, 0, 0, 0, 0, 0]), np.full(7, 100.0), 75.30863825186
+    # [rad], [N m/rad], [N]
     found = stiffgen.buckling_load(robot, rest, springs, [0, 0, -1], most=300.0)
     assert found.load == np.inf
     # an imperfection e lowers the load by a share of the order of e^(2/3), and leaves as much stability
@@ -200,8 +201,8 @@ def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_lo
         for share in (0.9, 1.2)
     )
     heights = [robot.forward_kinematics(q)[2, 3] for q in (rest, below, above)]
-    assert heights[0] - heights[1] < 1e-3
-    assert heights[0] - heights[2] > 0.3
+    assert heights[0] - heights[1] < 1e-3  # [m] below the load it stands
+    assert heights[0] - heights[2] > 0.3  # and above it sinks
 
 
 @pytest.mark.parametrize("gravity", [None, (0.1, 0.2, -0.3)], ids=["weightless", "heavy"])
@@ -237,19 +238,19 @@ def test_mujoco_stays_below_and_falls_above(robot: ModuleType, case: tuple[np.nd
     spec.option.gravity, spec.option.timestep = [0, 0, 0], 1e-3
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
     model = spec.compile()
-    model.jnt_stiffness[:], model.qpos_spring[:], model.dof_damping[:] = springs, rest, 0.5
+    model.jnt_stiffness[:], model.qpos_spring[:], model.dof_damping[:] = springs, rest, 0.5  # [N m s/rad]
     unit, tip = direction / np.linalg.norm(direction), model.body("link_ee").id
     for share, is_stable in ((0.95, True), (1.05, False)):
         data = mujoco.MjData(model)
         start = stiffgen.settle(robot, rest, springs, np.r_[0.95 * found.load * unit, 0, 0, 0], start=found.q).q
-        data.qpos[:] = start + 1e-4 * found.mode
-        for _ in range(20000):
+        data.qpos[:] = start + 1e-4 * found.mode  # pushed a little in the direction in which it buckles
+        for _ in range(20000):  # 20 s
             mujoco.mj_step1(model, data)
             J = np.zeros((3, 7))
             mujoco.mj_jac(model, data, J, None, data.xpos[tip], tip)
             data.qfrc_applied[:] = J.T @ (share * found.load * unit)
             mujoco.mj_step2(model, data)
-        moved = np.abs(data.qpos - start).max()
+        moved = np.abs(data.qpos - start).max()  # [rad]
         assert moved < 1e-4 if is_stable else moved > 0.1, (share, moved)
 
 

@@ -126,14 +126,17 @@ def in_c(tmp_path, folder, rows):
 
 
 def test_the_function_in_c(robot_folder, tmp_path):
-    """NumPy's least squares of scaled rows, of damped ones, and the condition number of its singular values."""
+    """Compare with NumPy's least squares of scaled rows, of damped ones, and the condition number of its singular
+    values.
+    """
     module, random = stiffgen.open_robot(robot_folder).module, np.random.default_rng(4)
-    J = module.hybrid.jacobian(random.uniform(-2, 2, (40, 7)))
-    torque, deviation = random.normal(size=(40, 7)) * 20, random.uniform(0.2, 3, (40, 7))
+    J = module.hybrid.jacobian(random.uniform(-2, 2, (40, 7)))  # 40 postures
+    torque, deviation = random.normal(size=(40, 7)) * 20, random.uniform(0.2, 3, (40, 7))  # [N m]
+    # even rows state no deviation; the wrench is damped in two quarters of the rows
     deviation[::2], damping = 0.0, np.repeat([0.0, 0.01, 0.3, 0.0], 10)
     condition, wrench, unexplained = in_c(tmp_path, robot_folder, zip(J, torque, deviation, damping, strict=True))
     for k in range(40):
-        scale = 1 / np.where(deviation[k] > 0, deviation[k], 1.0)
+        scale = 1 / np.where(deviation[k] > 0, deviation[k], 1.0)  # a joint counts by the certainty of its torque
         across = J[k].T * scale[:, None]
         rows, right = np.vstack([across, damping[k] * np.eye(6)]), np.r_[torque[k] * scale, np.zeros(6)]
         expected = np.linalg.lstsq(rows, right, rcond=None)[0]
@@ -147,6 +150,7 @@ def test_the_function_in_c_makes_no_number_up(robot_folder, tmp_path):
     """Estimate at a stretched arm, with NaN, and with few joints: NaN, never an invented wrench."""
     J = stiffgen.open_robot(robot_folder).module.hybrid.jacobian(np.zeros(7))
     ones, none, holed = np.ones(7), np.zeros(7), np.where(np.arange(42) == 8, np.nan, 1.0)
+    # Jacobian, torque, deviation, damping
     rows = [(J, ones, none, 0.0), (J, ones, none, 0.01), (holed, ones, none, 0.01), (J, ones * np.nan, none, 0.01)]
     condition, wrench, _ = in_c(tmp_path, robot_folder, [*rows, (0 * J, ones, none, 0.01)])
     assert condition[0] > 1e10 and np.isnan(wrench[0]).all() and np.isfinite(wrench[1]).all()

@@ -21,13 +21,14 @@ FRICTION = np.array([2.0, 0.5, 0.0])
 
 def recording(**changes: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return q, dq and torque of three joints that go there and back twice, under gravity and noise."""
-    settings = {"way": 0.4, "speed": 0.1, "back": 1.0} | changes
+    settings = {"way": 0.4, "speed": 0.1, "back": 1.0} | changes  # [rad], [rad/s], share of the speed back
     random, samples = np.random.default_rng(2), 16000
     phase = np.arange(samples) / samples * 4  # two ways there and back
     wave = np.abs((phase % 2.0) - 1.0) - 0.5  # triangles
     q = settings["way"] * wave[:, None] * np.array([1.0, -0.8, 0.5]) + np.array([0.2, 0.5, -0.3])
     side = np.where(phase % 2.0 < 1.0, -1.0, settings["back"])
     dq = settings["speed"] * side[:, None] * np.array([1.0, -0.8, 0.5])
+    # up to 30, 15 and 3 N m of gravity
     torque = 30.0 * np.sin(q.sum(axis=1))[:, None] * np.array([1.0, 0.5, 0.1]) + FRICTION * np.sign(dq)
     return q, dq + 1e-3 * random.normal(size=q.shape), torque + 0.1 * random.normal(size=q.shape)
 
@@ -124,10 +125,10 @@ def test_from_plan_to_table(planned: tuple[list[str], np.ndarray], capsys: Any, 
     """Torques with and without gravity give the same friction; joints lag; the table has the printed configuration."""
     command, plan = planned
     robot = stiffgen.open_robot(robot_folder)
-    dq = np.gradient(plan, axis=0) * 200.0
+    dq = np.gradient(plan, axis=0) * 200.0  # [rad/s], rows at 200 Hz
     q = plan - LAG * dq
     true = np.array([3.0, 4.0, 2.0, 2.5, 1.0, 0.8, 0.6])  # [N m] Coulomb friction
-    torque = true * np.tanh(dq / 0.01) + 0.2 * np.random.default_rng(3).normal(size=q.shape)
+    torque = true * np.tanh(dq / 0.01) + 0.2 * np.random.default_rng(3).normal(size=q.shape)  # [N m] with noise of 0.2
     found = []
     for weight, said in (
         (robot.module.gravity.gradient(q, np.array([0, 0, -9.81])), "is taken off"),
@@ -145,7 +146,7 @@ def test_from_plan_to_table(planned: tuple[list[str], np.ndarray], capsys: Any, 
         ]
         np.testing.assert_allclose(table["friction"], true, atol=0.05)
         inside = np.abs(table["friction"] - true) < table["half_width_95"]
-        assert inside.sum() >= 6, inside
+        assert inside.sum() >= 6, inside  # each of 7 is inside in 95 % of draws: one may be out
         np.testing.assert_allclose(table["coulomb_friction"], 0.9 * table["friction"], rtol=1e-4)
     np.testing.assert_allclose(found[0], found[1], atol=1e-5)
 
@@ -187,8 +188,8 @@ def test_a_simulated_arm(once: Once) -> None:
     """Simulate a UR5 with sticking friction under the controller: within 15 % for each joint."""
     arm = Arm("ur5", once("arms-ur5", lambda folder: Arm("ur5", folder)))
     samples = 20000
-    wave = 0.5 - np.abs((np.arange(samples) / samples * 4) % 2.0 - 1.0) + 0.5
-    goal = arm.posture + 0.5 * (wave - wave[0])[:, None] * np.array([1.0, -0.6, 0.8, 0.7, 0.7, 1.0])
+    wave = 0.5 - np.abs((np.arange(samples) / samples * 4) % 2.0 - 1.0) + 0.5  # two triangles of height 1
+    goal = arm.posture + 0.5 * (wave - wave[0])[:, None] * np.array([1.0, -0.6, 0.8, 0.7, 0.7, 1.0])  # [rad]
     rows = arm.run(arm.plant(), samples, arm.config(velocity_noise=5e-3), goal=goal, translation=4000.0, rotation=400.0)
     assert not rows["faulted"].any()
     found = stiffgen.estimate_friction(rows["q"], rows["v"], rows["torque"])

@@ -183,8 +183,9 @@ def test_a_plan_keeps_its_promise(robot) -> None:
         random = np.random.default_rng(seed)
         F = plan.twist @ K + random.normal(size=plan.twist.shape) * np.repeat(options.noise, 3)
         found = measure_stiffness(plan.time, wanted, F, has_bias=False)
-        assert found.faked[0] < 1e-4
-        errors.append(found.residual.errors[0].value)
+        assert found.faked[0] < 1e-4  # [rad]
+        errors.append(found.residual.errors[0].value)  # the sensor's turn that was found [rad]; there is none
+    # rms of 20 runs
     assert np.sqrt((np.array(errors) ** 2).mean(axis=0)).max() == pytest.approx(plan.deviation, rel=0.5)
 
 

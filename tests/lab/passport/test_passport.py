@@ -45,6 +45,7 @@ def test_one_page_and_one_table(robot, tmp_path, monkeypatch, capsys):
     assert rows[0] == [*passport.joints, "tip x [m]", "tip y [m]", "tip z [m]",
                        *(f"{each.name} [{each.unit}]" for each in passport.quantities)]  # fmt: skip
     table = np.array(rows[1:], dtype=float)
+    # postures; joints, position of the tip and quantities
     assert table.shape == (256, 7 + 3 + len(passport.quantities))
     np.testing.assert_allclose(table[:, :7], passport.q, rtol=1e-5)
     for number, quantity in enumerate(passport.quantities):

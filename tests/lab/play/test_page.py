@@ -141,7 +141,7 @@ def test_matrices(scripts: Scripts, robot: ModuleType) -> None:
     np.testing.assert_allclose(
         np.reshape(own["antisymmetric"], (7, 7)), (conventional - conventional.T) / 2, atol=1e-13
     )
-    assert np.abs(own["antisymmetric"]).max() > 1
+    assert np.abs(own["antisymmetric"]).max() > 1  # [N m/rad] the load matters
     np.testing.assert_allclose(
         np.reshape(chosen["conventional"], (7, 7)), robot.hybrid.joint_stiffness_uncorrected(q, WRENCH, np.diag(GAINS)),
         atol=1e-10,

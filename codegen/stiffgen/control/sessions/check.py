@@ -171,7 +171,9 @@ class _Movement:
         q, n, reach = bench.q, len(bench.q), bench.reach
         # the arm moves from q to q + way in 0.4 s, the command to q + aim / 2 in the first half of this
         self.way, self.aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
+        # joint springs [N m/rad]; all values differ from joint to joint, so that a mix-up shows
         self.posture = np.linspace(1.0, 3.0, n)
+        # [N], [N m] commanded at each tip and pair
         self.wrench = np.tile([5.0, -3.0, 4.0, 0.5, 0.3, -0.2], (len(bench.robot.chain.tips) + len(bench.pairs), 1))
         self.acceleration = np.linspace(-10.0, 10.0, n) * reach
         self.friction, self.trend = np.linspace(0.5, 2.0, n), np.zeros(n)
@@ -223,15 +225,19 @@ class _Movement:
         """Compare springs, zones and damping with the law."""
         bench, zones = self.bench, self.zones
         Kt, Ko = bench.spring["translation_stiffness"], bench.spring["rotation_stiffness"]
+        # equilibrium is the tip at the reference, which the controller may hold back from q0
         spring = (bench.poses(out.reference), out.reference, Kt, Ko, self.posture, *bench.where)
+        # what is left of the torque is that of the springs
         pull = out.own_torque - out.damping_torque - out.limit_torque - out.feedforward_torque
         self.hold("elastic torque", pull, out.scale * elastic_torque(bench.poses, at, *spring))
         self.hold("stored", out.stored, out.scale * potential(bench.poses, at, *spring) + zones.energy(at))
         self.hold("limit torque", out.limit_torque, zones.torque(at))
         self.hold("torque", out.torque, out.own_torque)
         self.hold("no fault", float(out.fault), 0.0)
+        # stiffness of springs and touched zones (n, n) [N m/rad]
         tangent = joint_hessian(bench.poses, at, *spring) + np.diag(np.where(zones.depth(at) != 0, zones.stiffness, 0))
         config, slip = self.controller.config, out.reference_velocity - rate
+        # speed beyond the share 0.72 of the limit, which the reference keeps
         excess = rate - np.clip(rate, -0.72 * config.velocity_limit, 0.72 * config.velocity_limit)
         damping, share = damping_torque(tangent, self._mass_matrix(at), self.timing, slip, excess, 0.7)
         self.hold("damping torque", out.damping_torque, damping)
@@ -253,8 +259,9 @@ def _limits(bench: _Bench) -> list[str]:
     faults, n = [], len(bench.q)
     effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)  # so little that both bind
     controller = bench.controller(effort_limit=effort, torque_rate_limit=rate)
+    # torque of the step before [N m]; bits of the status that must occur
     last, seen, position = np.zeros(n), dict.fromkeys(("RATE_LIMITED", "SATURATED"), False), bench.q.copy()
-    work, supplied = 0.0, 0.0
+    work, supplied = 0.0, 0.0  # [J] done by the torques; said by the controller in the step before
     for step in range(200):
         # 40 steps at a constant speed, 10 at rest, and back
         speed = bench.reach * (2.0 if step // 50 % 2 else -2.0) * (step % 50 < 40)

@@ -239,10 +239,12 @@ class HostileSession:
         measured = np.round(self.q / self.quantum) * self.quantum if self.quantum else self.q
         fill(given.q, measured)
         fill(given.dq, self.dq + (0.0 if self.calm else 1e-4) * random.normal(size=n))
+        # [rad] outside the limits: clipped by the controller, or refused
         beyond = 0.05 if random.random() < 0.99 else 100.0
         low, high = np.array(self.config.lower_limit), np.array(self.config.upper_limit)
         fill(given.q0, np.clip(self.goal, low - beyond, high + beyond))
         given.shaped = self.shaped
+        # rounded, and so not quite symmetric
         stiffness = self.stiffness.astype(np.float32) if random.random() < 0.05 else self.stiffness
         for field in ("translation_stiffness", "rotation_stiffness"):
             fill(getattr(given, field), stiffness[int(field.startswith("rotation"))])

@@ -53,8 +53,8 @@ def pair_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> flo
     """
     rest = np.linalg.inv(rests[0]) @ rests[1]
     A, B = a[:3, :3], b[:3, :3] @ rest[:3, :3].T
-    e = b[:3, 3] - a[:3, 3] - (A + B) @ rest[:3, 3] / 2
-    turned, fixed = np.eye(4), np.eye(4)
+    e = b[:3, 3] - a[:3, 3] - (A + B) @ rest[:3, 3] / 2  # displacement at the centre [m]
+    turned, fixed = np.eye(4), np.eye(4)  # the rotational part is that of a single spring between A and B
     turned[:3, :3] = A.T @ B
     translation = sum((R.T @ e) @ Kt @ (R.T @ e) for R in (A, B)) / 4
     return float(translation) + energy(turned, fixed, np.zeros((3, 3)), Ko)

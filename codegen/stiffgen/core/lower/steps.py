@@ -99,7 +99,7 @@ def _congruence(f: Lowering, step: Congruence) -> None:
     _straight_line(f, step.factors)
     if not output.is_result:
         f.declare_flat(output)
-    in_vectors = J.layout is Layout.LANES
+    in_vectors = J.layout is Layout.LANES  # rows of J are padded to whole vectors
     stride = Count.ALLOCATED_NUMBERS if in_vectors else n
     arguments = Pointer(J, plain=in_vectors), stride, rows, Pointer(f.storage(factors)), n, Pointer(output)
     multiplied = n * (n + 1) // 2 * rows + rows * (rows + 1) // 2 * n

@@ -302,6 +302,7 @@ class Sum(Step):
         for term in self.terms:
             arguments = {}
             for array, part in term.arguments:
+                # entries of one item of a stacked array, or of the whole one
                 start = 0 if part.index is None else part.index * array.size
                 entries = array.size * [ca.SX(0)]
                 if part.array:

@@ -221,7 +221,7 @@ def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:
     matrix = unpacked(hessian)
     n = matrix.shape[0]
     A: _Grid = [[matrix[i, k] for k in range(n)] for i in range(n)]
-    beside = [_reflect(A, k) for k in range(n - 1)]
+    beside = [_reflect(A, k) for k in range(n - 1)]  # entries beside the diagonal; A becomes tridiagonal in place
     diagonal, zero = [A[k][k] for k in range(n)], ca.SX(0)
     sizes = [ca.fabs(each) for each in beside]
     disc_ends = [d - a - b for d, a, b in zip(diagonal, [zero, *sizes], [*sizes, zero], strict=True)]

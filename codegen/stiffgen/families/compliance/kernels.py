@@ -225,6 +225,7 @@ class CompliantTip:
             if n == 1:
                 only = StraightLine((result.array(chain),), compliance.only_entry, (H,), heading="H is a number")
                 return *steps, pack, only
+            # H as a tridiagonal matrix, of which the eigenvalue's interval is halved
             form = Array("diagonal", (n,), "d"), Array("squares", (n - 1,), "s")
             ends = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
             meaning = "Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue"

@@ -185,7 +185,9 @@ def _numbers(element: ElementTree.Element | None, name: str, default: str) -> Fl
 
 
 def _origin(element: ElementTree.Element) -> FloatArray:
-    """Return the pose in an element's <origin>."""
+    """Return the pose (4x4) [m] in an element's <origin>, from roll, pitch and yaw or a quaternion; the identity
+    without.
+    """
     origin, pose = element.find("origin"), np.eye(4)
     pose[:3, 3] = _numbers(origin, "xyz", "0 0 0")
     if origin is not None and origin.get("quat_xyzw") is not None:  # URDF 1.1
@@ -233,6 +235,7 @@ def _second_moments(link: ElementTree.Element) -> FloatArray:
     mass = float(_numbers(inertial.find("mass"), "value", "0")[0])
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (float(_numbers(inertia, name, "0")[0]) for name in names)
+    # [kg m^2] about the centre of mass, in the link's axes
     tensor = pose[:3, :3] @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ pose[:3, :3].T
     return _moments(mass, pose[:3, 3], tensor)
 

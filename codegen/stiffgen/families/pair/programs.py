@@ -128,6 +128,7 @@ class EnergyOfTips:
     ) -> Program:
         """Return the program of energy, torque and joint stiffness, or some, in one pass."""
         m = len(chain.joints)
+        # columns of both tips, their wrenches (12) and Hessian (12, 12)
         Ja, Jb, F, K = Array("Ja", (6, m)), Array("Jb", (6, m)), Array("F", (12,)), Array("K", (12, 12))
         outputs, parts = [Ja, Jb, F], "JF"
         if energy:

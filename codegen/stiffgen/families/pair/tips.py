@@ -75,11 +75,13 @@ def _half(S: ca.SX, f: ca.SX, arms: tuple[ca.SX, ca.SX], other: ca.SX, *, turns_
 
     ``arms`` are ca and cb, ``other`` is la or lb of the tip that S does not turn with.
     """
+    # displacement of the half's spring per unit of both tips' motions (3, 12)
     P = ca.horzcat(-ca.SX.eye(3), ca.skew(arms[0]), ca.SX.eye(3), ca.skew(arms[1]))
     own, fixed = ((VB, WB), (VA, WA)) if turns_with_second else ((VA, WA), (VB, WB))
-    arm, force = ca.skew(arms[int(turns_with_second)]), ca.skew(f)
+    arm, force = ca.skew(arms[int(turns_with_second)]), ca.skew(f)  # as matrices of cross products
     toward = ca.skew(other)
     Z = ca.SX(12, 12)
+    # curvature of the displacement times the force: the tip that S turns with, then the other
     Z[own[1], own[1]] = 0.5 * (force @ arm + (force @ arm).T)
     Z[fixed[1], fixed[1]] = -0.5 * (force @ toward + (force @ toward).T)
     for columns, block in ((fixed[1], force @ toward), (VB, force), (VA, -force)):

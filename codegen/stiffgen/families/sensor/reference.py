@@ -17,11 +17,12 @@ from stiffgen.families.sensor.kernels import ACCELERATION, BIAS, MOVING_PAYLOAD,
 
 
 def second_moments(payload: ca.SX) -> ca.SX:
-    """Return P of a payload's ten parameters, or of four: its inertia then does not matter."""
+    """Return P (4x4) of a payload's ten parameters, or of four: its inertia then does not matter."""
     parameters = ca.vertcat(payload, ca.SX.zeros(10 - payload.shape[0]))
-    mass, moment = parameters[0], parameters[1:4]
+    mass, moment = parameters[0], parameters[1:4]  # [kg], first moment [kg m]
     xx, xy, xz, yy, yz, zz = ca.vertsplit(parameters[4:])
     tensor = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # integral of r r^T from the inertia tensor, beside the first moment
     upper = ca.horzcat(ca.trace(tensor) / 2 * ca.SX.eye(3) - tensor, moment)
     return ca.vertcat(upper, ca.horzcat(moment.T, mass))
 

@@ -49,6 +49,7 @@ def spring_joint_terms(
     parts = "Fk" if joint_stiffness else "F"
     if energy:
         outputs, parts = [energy.array(chain), *outputs], "U" + parts
+    # once for the tip; then a loop over the joints for each result in joints
     program: Program = (columns, spring_step(chain, spring, pose, tuple(outputs), parts))
     if torque:
         operands = Operand(J, "j"), Operand(F, "")

@@ -84,8 +84,10 @@ class Displacement:
 
     @staticmethod
     def of(p: ca.SX, R: ca.SX, H: ca.SX, axes: Axes, centre: Centre) -> Displacement:
-        """Return the displacement between a pose and the equilibrium H."""
-        e, arm = p - H[:3, 3], None
+        """Return the displacement between a pose (p [m], R) and the equilibrium H (4x4), of the centre of stiffness
+        if any.
+        """
+        e, arm = p - H[:3, 3], None  # arm: from the tip to the centre of stiffness, in base axes
         if any(centre):
             c = ca.SX(ca.sparsify(ca.DM(centre)))
             e, arm = e + (R - H[:3, :3]) @ c, R @ c
@@ -100,7 +102,7 @@ class Displacement:
         title += f"; d: in the {axes}'s axes"
         if axes == "equilibrium":
             return Displacement(d, X, arm, arm, False, Section(title, values))
-        bend = e if arm is None else e - arm
+        bend = e if arm is None else e - arm  # second derivative in axes that turn with the tip, see Displacement.bend
         return Displacement(d, X, -bend, bend, True, Section(title, values))
 
     def in_base(self, vector: ca.SX) -> ca.SX:

@@ -339,13 +339,13 @@ def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Jud
     """
     dof = len(columns.q)
     values = block.values
-    timed = int(columns.time is not None)
+    timed = int(columns.time is not None)  # the time stands before the positions
     q, wrench = columns.positions(values), values[:, timed + dof :]
     reasons = dict(block.problems)
     for index in np.flatnonzero(~np.isfinite(values).all(axis=1)):
         reasons.setdefault(int(index), _not_a_number(columns, block, int(index)))
     margin = LIMIT_MARGIN * (task.upper - task.lower)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # a NaN compares as not beyond; its row has a reason already
         beyond = (q < task.lower - margin) | (q > task.upper + margin)
     for index in np.flatnonzero(beyond.any(axis=1)):
         joint = int(np.argmax(beyond[index]))
@@ -393,6 +393,7 @@ def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | Non
     known = ~np.isnan(values)
     filled = np.where(known, values, 0.0)
     low, high = np.where(known, values, np.inf), np.where(known, values, -np.inf)
+    # columns as in MEASURES
     smallest, largest = values[:, 3], values[:, 4]  # eigenvalues of the corrected stiffness
     tolerance = INDEFINITE * np.abs(values[:, 3:5]).max(axis=1)
     result = Summary(

@@ -257,10 +257,10 @@ def further_poses(
     finite). Whether they are free of collisions is not known.
     """
     random = np.random.default_rng(0)
-    candidates = np.repeat(poses.q, 8, axis=0)
+    candidates = np.repeat(poses.q, 8, axis=0)  # eight for each recorded posture (P, n) [rad]
     last = slice(max(0, candidates.shape[1] - 3), None)
     candidates[:, last] = random.uniform(lower[last], upper[last], candidates[:, last].shape)
-    noise = np.maximum(np.array(found.calibration.noise), 1e-12)
+    noise = np.maximum(np.array(found.calibration.noise), 1e-12)  # standard deviations (6) [N], [N m], never 0
 
     def information(q: FloatArray) -> FloatArray:
         """Return the information matrices (P, 10, 10) of poses about payload and bias; drift is left out."""
@@ -272,6 +272,7 @@ def further_poses(
     # 1:4 is the first moment; the candidate that leaves the smallest of its largest deviations is taken, one by one
     chosen, start = [], float(np.sqrt(np.diag(np.linalg.inv(total))[1:4].max()))
     for _ in range(count):
+        # largest deviation of the first moment [kg m] after each candidate (P)
         worst = np.sqrt(np.diagonal(np.linalg.inv(total + gains), axis1=1, axis2=2)[:, 1:4].max(axis=1))
         best = int(worst.argmin())
         total = total + gains[best]

@@ -171,7 +171,7 @@ def _has_width(b: FloatArray, a: FloatArray) -> bool:
 
 
 def _filtered(b: FloatArray, a: FloatArray, readings: FloatArray) -> FloatArray:
-    """Filter rows of readings by the difference equation, at rest at first and after a row that is not finite."""
+    """Filter rows (N, 6) by the difference equation; at rest at first and after a row that is not finite."""
     result = np.full_like(readings, np.nan)
     x, y = np.zeros((3, 6)), np.zeros((3, 6))
     is_started = False
@@ -180,9 +180,10 @@ def _filtered(b: FloatArray, a: FloatArray, readings: FloatArray) -> FloatArray:
             is_started = False
             continue
         if not is_started:
-            gain = b.sum() / a.sum()
+            gain = b.sum() / a.sum()  # of a constant: the filter starts as if the first row had lasted for ever
             x, y = np.tile(row, (3, 1)), np.tile(gain * row, (3, 1))
             is_started = True
+        # shift in the newest; rows 0, 1, 2: now, and one and two samples ago
         x, y = np.vstack([row, x[:2]]), np.vstack([np.zeros(6), y[:2]])
         y[0] = b @ x - a[1:] @ y[1:]
         result[k] = y[0]

@@ -27,7 +27,7 @@ ROWS, COLUMNS = ("fx", "fy", "fz", "mx", "my", "mz"), ("x", "y", "z", "rx", "ry"
 
 
 def statements(found: Measurement, joints: MeasuredJointStiffness | None = None) -> list[str]:
-    """Return the findings in sentences."""
+    """Return the findings in sentences: fit, sign, whether sensor and pose agree, and what a delay would fake."""
     K, residual = found.K, found.residual
     lines = [
         f"{len(found.motion)} rows about one pose, {'quadratic' if found.fit.quadratic else 'linear'} fit: stiffness "
@@ -47,7 +47,7 @@ def statements(found: Measurement, joints: MeasuredJointStiffness | None = None)
                 "channels."
             )
     lines += [_sentence(each) for each in residual.errors if residual.is_alarm or each.verdict == "not separable"]
-    turn, lever = found.faked
+    turn, lever = found.faked  # [rad], [m]
     lines.append(
         f"A delay of {1000 * DELAY:g} ms between pose and reading would look like a turn of {np.degrees(turn):.2g} deg "
         f"and a shift of {1000 * lever:.2g} mm in this motion."
@@ -84,7 +84,7 @@ def to_csv(found: Measurement, joints: MeasuredJointStiffness | None = None) -> 
             for j, column in enumerate(COLUMNS):
                 rows.writerow((name, row, column, f"{matrix[i, j]:.9g}", f"{found.interval[i, j]:.3g}"))
     for i, row in enumerate(ROWS):
-        half = NORMAL * found.fit.load_deviation[i]
+        half = NORMAL * found.fit.load_deviation[i]  # 95 % of a normal distribution
         rows.writerow(("load", row, "", f"{found.load[i]:.9g}", f"{half:.3g}"))
     for error in found.residual.errors:
         for axis, value, deviation in zip("xyz", error.value, error.deviation, strict=True):

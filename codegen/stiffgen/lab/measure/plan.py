@@ -123,10 +123,11 @@ def expected_turn(K: FloatArray, amplitude: FloatArray, options: PlanOptions) ->
 
 
 def _amplitudes(K: FloatArray, options: PlanOptions) -> tuple[FloatArray, float, str]:
-    """Return the amplitudes, the deviation that they leave, and what limits them."""
+    """Return the amplitudes (6) [m], [rad], the deviation [rad] that they leave, and the limit that binds, if any."""
+    # the deviation falls with the amplitude: factor that meets the one asked for
     wanted = expected_turn(K, _GUESS, options) / options.deviation
-    per_unit = np.abs(K) @ _GUESS
-    most = {
+    per_unit = np.abs(K) @ _GUESS  # largest wrench of the guessed amplitudes [N], [N m]
+    most = {  # the factors at which a limit is met
         f"force of {options.most_wrench[0]:g} N": options.most_wrench[0] / float(np.linalg.norm(per_unit[:3])),
         f"moment of {options.most_wrench[1]:g} N m": options.most_wrench[1] / float(np.linalg.norm(per_unit[3:])),
         f"{1000 * LINEAR[0]:g} mm": LINEAR[0] / float(np.linalg.norm(_GUESS[:3])),

@@ -135,14 +135,15 @@ def recorded_poses(columns: FloatArray, rotation: Rotation) -> FloatArray:
                 f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; name six columns for a position "
                 "and a rotation vector"
             )
-        axis, half = turn[:, :3] / length[:, None], turn[:, 3] / length
+        axis, half = turn[:, :3] / length[:, None], turn[:, 3] / length  # sin(angle/2) times the axis; cos(angle/2)
         sine, cosine = 2 * half, half**2 - (axis**2).sum(axis=1)
-        square = 2.0 * np.ones(len(columns))
+        square = 2.0 * np.ones(len(columns))  # the axis above has sin(angle/2) in it
     else:
         angle = np.linalg.norm(turn, axis=1)
         axis = turn / np.maximum(angle, 1e-300)[:, None]
         sine, cosine = np.sin(angle), np.cos(angle)
         square = 1 - cosine
+    # Rodrigues' formula
     for k, each in enumerate(axis):  # c I + s [a] + (1 - c) a a^T
         poses[k, :3, :3] = cosine[k] * np.eye(3) + sine[k] * skew(each) + square[k] * np.outer(each, each)
     return poses

@@ -56,7 +56,9 @@ def check_robot(file: Path) -> None:
 
 
 def package_files(variables: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts of the package by their path."""
+    """Return the texts of the package by their path: the repository's ROS 2 package with this robot's name and
+    limits.
+    """
     source, name = _source(), variables["name"]
     package = package_name(name)
     files = {}

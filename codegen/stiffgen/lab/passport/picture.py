@@ -39,14 +39,14 @@ def _force(passport: Passport) -> Quantity | None:
 
 
 def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: str) -> None:
-    """Draw one quantity over reach and height; the worst posture has a ring."""
+    """Draw one quantity over reach and height [m], a dot a posture; the worst posture has a ring."""
     scale: Any = import_module("matplotlib.colors")
     across, up = np.linalg.norm(passport.tip[:, :2], axis=1), passport.tip[:, 2]
     values = np.maximum(quantity.values, 1e-9)
-    low, high = np.quantile(values, [0.02, 0.98])
+    low, high = np.quantile(values, [0.02, 0.98])  # ends of the colours: single extreme postures do not stretch them
     if high < (1 + _LEAST_RANGE) * low:  # else every tick of the bar has one label
         low, high = (1 - _LEAST_RANGE) * low, (1 + _LEAST_RANGE) * high
-    wide = high > 5 * low > 0
+    wide = high > 5 * low > 0  # values over more than a factor of 5 get a logarithmic scale
     norm = scale.LogNorm(max(low, high / 1e3), high) if wide else scale.Normalize(low, high)
     order = np.argsort(-values)  # the weak postures lie on top
     dots = axes.scatter(

@@ -232,7 +232,7 @@ def _laid_out(stack: FloatArray, kind: str) -> tuple[FloatArray, int, int]:
         memory = np.full(size + 2 * GUARD, np.nan, stack.dtype)
         memory[GUARD : GUARD + size] = stack[0] if length else 0.0
         return memory, GUARD, 0
-    step = size + 5 if kind == "spread" else size
+    step = size + 5 if kind == "spread" else size  # 5: any gap between configurations
     memory = np.full(max(length, 1) * step + 2 * GUARD, np.nan, stack.dtype)
     order = range(length - 1, -1, -1) if kind == "backwards" else range(length)
     for place, configuration in enumerate(order):

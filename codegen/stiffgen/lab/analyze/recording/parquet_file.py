@@ -114,7 +114,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     with _opened(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
     entries = _entries(path, schema)
-    lists = {column for column, _ in entries.values()}
+    lists = {column for column, _ in entries.values()}  # a column of lists counts as one column for each entry
     columns = request.table_columns(path, [*(name for name in schema.names if name not in lists), *entries])
     for name in columns.names:
         column, _ = entries.get(name, (name, 0))
@@ -125,6 +125,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
             raise RecordingError(
                 f"{path}: column {name} holds values of type {printable(str(kind))}, not numbers; convert it"
             )
+    # join row groups until they have enough rows; row: first of the partition, rows: how many
     partitions: list[ParquetPartition] = []
     groups: list[int] = []
     row = rows = 0
