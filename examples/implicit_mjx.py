@@ -60,6 +60,7 @@ def step(
         Data after the step, and the energy of arm and spring before it [J].
 
     """
+    # (M + h^2 P) ddq = torque - h P dq: the spring's torque at the end of the step, to first order
     h, q, dq = model.opt.timestep, data.qpos, data.qvel
     data = mjx.fwd_position(model, data)
     M, P = data._impl.M, tangent(arm, q, spring, weights)

@@ -124,7 +124,7 @@ def solve(
 
     """
     knots, opti = len(task.recorded), ca.Opti()
-    size = np.sqrt(np.diag(WANTED))
+    size = np.sqrt(np.diag(WANTED))  # scale of each joint, so that all residuals of stiffness are about 1
     weight = ca.DM(1 / np.outer(size, size))
     cost: Any = 0
     postures: list[Any] = []
@@ -134,6 +134,7 @@ def solve(
         + 30.0 * np.eye(7)
     )
     for k in range(knots):
+        # posture [rad], triangle of the task stiffness, and triangle whose square keeps S - LEAST positive
         q, entries, square = opti.variable(7), opti.variable(21), opti.variable(28)
         factor, root = ca.MX(6, 6), ca.MX(7, 7)
         for e, (i, j) in enumerate(zip(*LOWER, strict=True)):
@@ -144,12 +145,14 @@ def solve(
         S = functions.hybrid.joint_stiffness(q, task.wrenches[k], K) + POSTURE_STIFFNESS * ca.DM.eye(7)
         pose = functions.forward_kinematics(q)
         turn = ca.mtimes(pose[:3, :3].T, ca.DM(task.poses[k, :3, :3]))
+        # the tip is at the task's pose; 0.1 m counts as much as a turn whose sine is 1/2
         opti.subject_to(10 * (pose[:3, 3] - task.poses[k, :3, 3]) == 0)
         opti.subject_to(ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]) == 0)
         scaled_root = ca.mtimes(ca.DM(np.diag(size)), root)
         opti.subject_to(_upper(weight * (S - LEAST * ca.DM.eye(7) - ca.mtimes(scaled_root, scaled_root.T))) == 0)
         opti.subject_to(opti.bounded(robot.LOWER, q, robot.UPPER))
         opti.subject_to(ca.diag(K) / LIMIT <= 1)
+        # stiffness near the wanted one, and small steps from knot to knot
         cost += ca.sumsqr(ca.sqrt(weight) * (S - WANTED) * ca.sqrt(weight))
         if k:
             recorded_step = task.recorded[k] - task.recorded[k - 1]
@@ -179,7 +182,7 @@ def solve(
     found = opti.solve()
     statistics = opti.stats()
     evaluating = sum(value for name, value in statistics.items() if name.startswith("t_proc_nlp_"))
-    L = np.zeros((knots, 6, 6))
+    L = np.zeros((knots, 6, 6))  # lower triangles of the scaled task stiffness
     for k, entries in enumerate(factors):
         L[k][LOWER] = found.value(entries)
     task_stiffness = np.outer(SCALE, SCALE) * (L @ L.swapaxes(-1, -2) + FLOOR * np.eye(6))

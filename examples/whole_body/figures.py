@@ -107,7 +107,7 @@ def _wall(pressing: Trace, not_supplied: Trace) -> Figure:
     """Draw asked and supplied wrench on the base, and how far the base moves [mm]."""
     figure = Figure(figsize=(7.8, 5.4), layout="constrained")
     force, moment, base = figure.subplots(3, 1, sharex=True)
-    weight = pressing.asked[0, 2]
+    weight = pressing.asked[0, 2]  # [N] that the ground bears at rest
     for axes, entries, names in (
         (force, (0, 2), ("forward", "up, less the weight")),
         (moment, (4, 5), ("pitch", "yaw")),

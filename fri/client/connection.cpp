@@ -57,7 +57,7 @@ Fault Connection::order(const Message &message, std::uint32_t *advance)
         if (ahead == 0) {
             return FAULT_DUPLICATE;
         }
-        if (ahead > LARGEST_GAP) {
+        if (ahead > LARGEST_GAP) { /* overtaken, or the robot counts anew: several in a row tell */
             const std::uint32_t since = message.sequence - elsewhere_;
             in_a_row_ = in_a_row_ > 0 && since > 0 && since <= REORDER_WINDOW ? in_a_row_ + 1 : 1;
             elsewhere_ = message.sequence;
@@ -71,7 +71,7 @@ Fault Connection::order(const Message &message, std::uint32_t *advance)
     }
     in_a_row_ = 0;
     sequence_ = message.sequence;
-    sequence_known_ = message.state != 0;
+    sequence_known_ = message.state != 0; /* an idle robot may count anew */
     return FAULT_NONE;
 }
 

@@ -157,7 +157,7 @@ void Log::ask()
 /* Print events that are new since the last record, each kind at most once per second. */
 void Log::tell(double time, std::uint32_t events)
 {
-    const double pause = 1.0;
+    const double pause = 1.0; /* [s] */
     for (int i = 0; i < EVENTS; ++i) {
         const EventText &text = EVENT_TEXTS[i];
         if ((events & ~events_ & text.bit) == 0) {
@@ -187,10 +187,11 @@ void Log::write(const Record &record)
         std::fflush(stdout);
         return;
     }
-    tell(record.time, record.events);
+    tell(record.time, record.events); /* a note has events alone */
     if (!file_.is_open() || record.kind == Record::NOTE || file_.error() != 0) {
         return;
     }
+    /* The columns in the order of the header, see Log::Log. */
     file_.append("%.17g", record.time);
     values(file_, record.q, JOINTS);
     values(file_, record.dq, JOINTS);

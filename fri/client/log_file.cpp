@@ -41,6 +41,7 @@ void LogFile::create(const std::string &path)
     }
 }
 
+/* Return whether a path is this open file, by device and inode: a second log must not overwrite the first. */
 bool LogFile::same(const std::string &path) const
 {
     struct stat mine, other;

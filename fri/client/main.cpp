@@ -160,6 +160,7 @@ int run(Options &options)
 
 } // namespace
 
+/* Run the client; errors become a sentence and exit code on stderr. */
 int main(int argc, char **argv)
 {
     static char output[1 << 16]; /* standard output's, so that none is allocated for it */

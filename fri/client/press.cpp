@@ -38,6 +38,7 @@ Pressing::Pressing(double force, double error_limit)
     fill(last_, 0.0, JOINTS);
 }
 
+/* Start with the controller's configuration, before a contact is sought. */
 void Pressing::begin(const robot::Config &controller)
 {
     controller_ = controller;
@@ -48,6 +49,7 @@ void Pressing::begin(const robot::Config &controller)
     moved_.begin();
 }
 
+/* Move the sample's goal and command a wrench, so that the tip presses along its axis where the trajectory wants it. */
 void Pressing::step(const robot::Output *last, const double *wrench, bool reached, bool wanted,
                     robot::Input *sample)
 {

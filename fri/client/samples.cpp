@@ -40,6 +40,7 @@ void WipingClient::adopt(double period)
 /* Adopt the first usable send period; another one only if it stays, and never while the controller runs. */
 void WipingClient::watch_period()
 {
+    /* [s]; expected: 0 for any */
     const double period = robotState().getSampleTime(), expected = settings_.sample_time;
     const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD &&
                         (expected <= 0.0 || std::fabs(period - expected) < 1e-6);
@@ -77,6 +78,7 @@ bool WipingClient::within_limits(const double *q)
     return true;
 }
 
+/* Note what a message says beside the position: period, time, losses, wrench, mode, quality and button. */
 void WipingClient::observe()
 {
     const Arrival &arrival = connection_.arrival();

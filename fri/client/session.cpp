@@ -44,6 +44,7 @@ std::string refused_since(const Traffic &now, const Traffic &then)
 std::string refused_text(const Connection &connection, const Traffic &then)
 {
     const Traffic &now = connection.traffic();
+    /* More than half of the datagrams have this fault. */
     const auto most = [&](Fault fault) {
         return 2 * (now.faults[fault] - then.faults[fault]) > now.received - then.received;
     };
@@ -291,6 +292,7 @@ Ending with_force(const WipingClient &client, Ending ending)
 
 } // namespace
 
+/* Return why the client did not begin, and what the user can do; "" if it did. */
 std::string refusal_text(const WipingClient &client)
 {
     const double period = 1e3 * client.reported_period(), expected = 1e3 * client.settings().sample_time;
@@ -321,6 +323,7 @@ std::string refusal_text(const WipingClient &client)
     }
 }
 
+/* Step the application until the session is over, and return how it ended. */
 Ending run_session(const Options &options, WipingClient &client, Connection &connection,
                    KUKA::FRI::ClientApplication &application, const volatile std::sig_atomic_t &interrupts)
 {

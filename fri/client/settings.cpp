@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+/* Set the defaults, in SI units. */
 Settings::Settings()
     : paper(false), conventional(false), damping_ratio(0.7), posture_stiffness(10.0), motor_inertia(0.1),
       press_force(0.0), effort_share(0.25), torque_rise(0.25), speed_share(0.9), sample_time(0.0), approach_time(5.0),

@@ -12,6 +12,7 @@ void Settling::begin(const robot::Config &controller)
     moved_.begin();
 }
 
+/* Move the sample's goal so that the tip rests at its pose in spite of friction; hold: the offset stays as it is. */
 void Settling::step(const robot::Output *last, const double *wrench, bool hold, robot::Input *sample)
 {
     if (!settles_) {

@@ -36,6 +36,7 @@ UdpSocket::~UdpSocket()
     UdpSocket::close();
 }
 
+/* Bind the port, to any sender or to one host alone; every datagram gets a time stamp. False if it cannot. */
 bool UdpSocket::open(int port, const char *host)
 {
     UdpSocket::close();
@@ -44,7 +45,7 @@ bool UdpSocket::open(int port, const char *host)
     local.sin_family = AF_INET;
     local.sin_addr.s_addr = htonl(INADDR_ANY);
     local.sin_port = htons(static_cast<unsigned short>(port));
-    peer_ = local;
+    peer_ = local; /* with the host's address, if one is named: the robot sends from the same port */
     std::memset(&from_, 0, sizeof from_);
     connected_ = host != NULL && host[0] != '\0';
     if (port < 1 || port > 65535 || (connected_ && inet_pton(AF_INET, host, &peer_.sin_addr) != 1)) {
@@ -76,6 +77,7 @@ void UdpSocket::close()
     }
 }
 
+/* Wait [s] for a datagram; return its size, -1 for none, SIGNALLED after a signal. age: how long ago it came [s]. */
 int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, double *age)
 {
     if (socket_ < 0) {
@@ -117,12 +119,14 @@ int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, d
     return static_cast<int>(count);
 }
 
+/* Return whether the last datagram came from the session's robot, or there is none yet. */
 bool UdpSocket::from_peer() const
 {
     return connected_ || peer_.sin_port == 0 ||
            (from_.sin_addr.s_addr == peer_.sin_addr.s_addr && from_.sin_port == peer_.sin_port);
 }
 
+/* Send to the peer; false if the datagram did not leave whole. */
 bool UdpSocket::send(const std::uint8_t *bytes, std::size_t size)
 {
     if (socket_ < 0) {

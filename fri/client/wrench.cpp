@@ -48,6 +48,7 @@ void UdpWrenchSensor::receive()
     while (!stop_) {
         struct pollfd ready = {socket_, POLLIN, 0};
         unsigned char bytes[64];
+        /* 100 ms: how late the end may be seen; 48 bytes are six doubles */
         if (::poll(&ready, 1, 100) != 1 || ::recv(socket_, bytes, sizeof bytes, MSG_TRUNC) != 48) {
             continue;
         }
@@ -109,7 +110,7 @@ void WrenchSource::observe(double seconds, const double *q)
         same_ = 0.0;
         return;
     }
-    if (same_ <= 0.0) {
+    if (same_ <= 0.0) { /* the first repetition: from here on the arm may move */
         copy(q, since_, JOINTS);
         moved_ = false;
     }

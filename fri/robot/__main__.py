@@ -162,7 +162,7 @@ def load_robot(folder: Path) -> ModuleType:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse options out of range, before the session starts."""
+    """Refuse options that are out of range, before the session starts."""
     if not 1 <= options.send_period <= 10:
         raise RefusedError(f"--send-period {options.send_period}: commanding takes 1 to 10 ms")
     if not 1 <= options.receive_multiplier <= 100:

@@ -76,6 +76,7 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     told = log.summary["controller"]
     stiffness = np.diag(told["task_stiffness"])
     paper = told["law"] == "paper"
+    # under the paper's law the controller's own springs are off: the law's torque is its offset
     blocks = (0.0 if paper else 1.0) * np.array([stiffness[:3, :3], stiffness[3:, 3:]])
     springs = {"translation_stiffness": blocks[0], "rotation_stiffness": blocks[1], "shaped": True}
     springs["posture_stiffness"] = 0.0 if paper else told["posture_stiffness"]

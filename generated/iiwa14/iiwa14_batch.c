@@ -104,7 +104,7 @@ static inline void take_symmetric_parts(lanes *matrices, ptrdiff_t step, size_t 
 static APART void store_lanes(const lanes *from, size_t left, int size, double *to)
 {
     const int present = left < LANES ? (int)left : LANES;
-    const int whole = size - size % LANES;
+    const int whole = size - size % LANES; /* entries in squares of LANES x LANES */
     for (int k = 0; k < whole; k += LANES) {
         lanes square[LANES];
         for (int c = 0; c < LANES; ++c) {

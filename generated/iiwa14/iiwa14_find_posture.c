@@ -233,7 +233,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
     double farthest = 0.0;
     int found = -1;
     for (int i = 0; i < N; ++i) {
-        const double next = q[i] + step[i], beyond = fabs(next - clamp(next, low[i], high[i]));
+        const double next = q[i] + step[i], beyond = fabs(next - clamp(next, low[i], high[i])); /* [rad], [m] */
         found = !held[i] && beyond > farthest ? i : found;
         farthest = found == i ? beyond : farthest;
     }
@@ -241,7 +241,7 @@ static int hold_joint(const double *q, const double *low, const double *high, in
         return 0;
     }
     held[found] = 1;
-    step[found] = clamp(q[found] + step[found], low[found], high[found]) - q[found];
+    step[found] = clamp(q[found] + step[found], low[found], high[found]) - q[found]; /* up to the bound */
     for (int r = 0; r < ROWS; ++r) {
         error[r] -= step[found] * X[found * ROWS + r];
         X[found * ROWS + r] = 0.0;

@@ -345,6 +345,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
 {
     const error_t e = measure(s, in, last, kind, error);
     double *const offset = s->offset + 3 * kind;
+    /* from the tip to where the springs are at rest [m], [rad]; error alone reaches to the pose that is wanted */
     const double stretch[3] = {error[0] + offset[0], error[1] + offset[1], error[2] + offset[2]};
     const double most = s->config.settle_force[kind], band = s->config.settle_band[kind];
     double wrench[6] = {0.0}, stiffness;
@@ -354,6 +355,7 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
     memcpy(wrench + 3 * kind, e.axis, sizeof e.axis);
     const double decay = find_decay(&s->controller, last->position, in->translation_stiffness, in->rotation_stiffness,
                                     wrench, &stiffness);
+    /* slower than the closed loop decays, so that both do not swing against each other */
     const double share = decay * s->controller.sample_time / SLOWNESS;
     for (int k = 0; k < 3; ++k) {
         offset[k] += share * (e.size - 0.5 * band) * larger(CLOSEST * band / e.size, 1.0) * e.axis[k];

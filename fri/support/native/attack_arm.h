@@ -87,7 +87,8 @@ std::uint64_t take_varint(Part *part)
     return value;
 }
 
-/* The client's message: fields with a varint, eight bytes, or a length. */
+/* Find a field of the client's message by its number: its bytes, or its value for a varint. Wire types: a varint (0),
+ * eight bytes (1), or a length and as many bytes. */
 Part field(Part in, unsigned number, std::uint64_t *value = NULL)
 {
     while (in.size > 0) {

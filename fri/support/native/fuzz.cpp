@@ -122,7 +122,7 @@ bool check_at_the_edge(const Bytes_ &datagram)
         void *const memory = mmap(NULL, 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
         require(memory != MAP_FAILED, "mmap");
         std::uint8_t *const end = static_cast<std::uint8_t *>(memory) + page;
-        require(mprotect(end, page, PROT_NONE) == 0, "mprotect");
+        require(mprotect(end, page, PROT_NONE) == 0, "mprotect"); /* reading one byte beyond is a crash */
         return end;
     }();
     if (datagram.size() > page) {
@@ -147,14 +147,14 @@ Bytes_ framed(const std::uint8_t *data, size_t size)
     }
     ++data;
     --size;
-    std::uint32_t crc = 0xffffffffu;
+    std::uint32_t crc = 0xffffffffu; /* CRC-32 of zip and Ethernet, bit by bit */
     for (size_t i = 0; i < size; ++i) {
         crc ^= data[i];
         for (int bit = 0; bit < 8; ++bit) {
             crc = (crc >> 1) ^ (0xedb88320u & (0u - (crc & 1u)));
         }
     }
-    Bytes_ result;
+    Bytes_ result; /* length, message, checksum, both little-endian */
     for (int i = 0; i < 4; ++i) {
         result.push_back(static_cast<std::uint8_t>(size >> (8 * i)));
     }

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "aee24acde0eab737"
+#define SOURCES "9a3043a0e2c3ac1d"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2133,7 +2133,7 @@ static void copy_block(const kernel *k, int operand, char *block, const npy_intp
     for (npy_intp a = 0; a < planes; ++a) {
         for (npy_intp b = 0; b < rows; ++b) {
             for (npy_intp c = 0; c < columns; ++c) {
-                char *at = block;
+                char *at = block; /* steps are in bytes */
                 at += rank > 0 ? c * steps[rank - 1] : 0;
                 at += rank > 1 ? b * steps[rank - 2] : 0;
                 at += rank > 2 ? a * steps[0] : 0;
@@ -2451,7 +2451,7 @@ static int explain_shape(const kernel *k, int i, PyObject *argument)
         PyErr_Clear();
         return 0;
     }
-    const int leading = PyArray_NDIM(array) - k->rank[i];
+    const int leading = PyArray_NDIM(array) - k->rank[i]; /* dimensions of the stack, before those of the argument */
     int fits = leading >= 0;
     for (int d = 0; d < k->rank[i] && fits; ++d) {
         fits = PyArray_DIM(array, leading + d) == k->extent[i][d];
@@ -2596,12 +2596,13 @@ static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObj
     PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
     PyObject *others[MAX_OTHERS];
     Py_ssize_t left = 0;
-    if (count > k->inputs || named > MAX_OTHERS) {
+    if (count > k->inputs || named > MAX_OTHERS) { /* NumPy finds the words for these */
         return checked_call(k, self, args, flags, keywords);
     }
     for (Py_ssize_t i = 0; i < count; ++i) {
         ordered[i] = args[i];
     }
+    /* Arguments of the function go to their places; NumPy's own keywords (out, where) are kept behind them. */
     for (Py_ssize_t i = 0; i < named; ++i) {
         PyObject *const name = PyTuple_GET_ITEM(keywords, i);
         const int place = argument_place(k, name);
@@ -3649,7 +3650,7 @@ static int add_gains(PyObject *module)
  * None. Return the error's code. */
 static PyObject *find_posture(PyObject *module, PyObject *arguments)
 {
-    enum { N = MOTORS, POSES = 16 * TIPS };
+    enum { N = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
     Py_buffer numbers, bounds, posture;
     PyObject *result = NULL;
     (void)module;

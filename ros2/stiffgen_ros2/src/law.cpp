@@ -11,7 +11,7 @@ static constexpr double TURN = 6.283185307179586;
 // Start at q with `torque` [N m] in force, from the settings; return the controller's error, GOOD for none.
 int Law::start(const Settings &settings, bool policy, const robot::Joints &q, const robot::Joints &torque)
 {
-    const unsigned activation = snapshot_.activation + 1;
+    const unsigned activation = snapshot_.activation + 1; // the one number that outlives a start
     snapshot_ = {};
     snapshot_.activation = activation;
     snapshot_.is_active = true;

@@ -38,9 +38,11 @@ std::string refusal_text(const Snapshot &last)
 geometry_msgs::msg::Quaternion quaternion(const double *R)
 {
     const double xx = R[0], yy = R[5], zz = R[10];
+    // four times the squares of x, y, z, w
     const double squares[4] = {1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz};
     int largest = 0;
     for (int k = 1; k < 4; ++k) { largest = squares[k] > squares[largest] ? k : largest; }
+    // r: twice the largest component; the others are sums of entries over 2 r
     const double r = std::sqrt(std::fmax(squares[largest], 0.0)), s = r > 0.0 ? 0.5 / r : 0.0;
     const double xy = s * (R[1] + R[4]), xz = s * (R[2] + R[8]), yz = s * (R[6] + R[9]);
     const double wx = s * (R[9] - R[6]), wy = s * (R[2] - R[8]), wz = s * (R[4] - R[1]), own = 0.5 * r;
@@ -144,6 +146,7 @@ diagnostic_msgs::msg::DiagnosticStatus Report::status() const
     const robot::Report &report = last_.report;
     const bool has_fault = report.fault != robot::NO_FAULT;
     const robot::Array<4, 4> pose = robot::forward_kinematics(report.position), rest = robot::forward_kinematics(report.reference);
+    // [m] from the tip to where the springs are at rest
     const double error = std::hypot(pose[3] - rest[3], pose[7] - rest[7], pose[11] - rest[11]);
     status.name = node_.get_name();
     status.hardware_id = robot::TIP_FRAME;

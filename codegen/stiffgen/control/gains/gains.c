@@ -27,6 +27,7 @@ int split_torque(const double *q, const double *dq, const double *q_des, const d
         good = good && doubles_within(vectors[k], N, -DBL_MAX, DBL_MAX);
     }
     for (int i = 0; i < N; ++i) {
+        /* The nearest diagonal has the matrix's own entries; tau_ff is what the motors' loop then lacks. */
         kp[i] = clamp(joint_stiffness[i * (N + 1)], 0.0, kp_limit[i]);
         kd[i] = clamp(damping[i * (N + 1)], 0.0, kd_limit[i]);
         tau_ff[i] = torque[i] - kp[i] * (q_des[i] - q[i]) - kd[i] * (dq_des[i] - dq[i]);

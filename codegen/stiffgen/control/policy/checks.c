@@ -29,6 +29,7 @@ static refusal_t check_numbers(const double *x, int first, int count, double mos
 /* Check that a matrix is a pose: R^T R = 1 up to POSE_TOLERANCE, right-handed, last row 0 0 0 1. first: its index. */
 static refusal_t check_pose(const double *P, int first)
 {
+    /* of the rotation: -1 for a mirrored one, whose R^T R is right */
     const double det = P[0] * (P[5] * P[10] - P[6] * P[9]) - P[1] * (P[4] * P[10] - P[6] * P[8]) +
                        P[2] * (P[4] * P[9] - P[5] * P[8]);
     int entry = 0;

@@ -5,7 +5,7 @@
  * None. Return the error's code. */
 static PyObject *find_posture(PyObject *module, PyObject *arguments)
 {
-    enum { N = MOTORS, POSES = 16 * TIPS };
+    enum { N = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
     Py_buffer numbers, bounds, posture;
     PyObject *result = NULL;
     (void)module;

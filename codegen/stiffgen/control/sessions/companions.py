@@ -110,6 +110,7 @@ def _same_gains(both: Pair, random: Random, chain: Chain) -> bool:
     """Compare splits of torques, and bounds on late work, with good and bad numbers."""
     n = len(chain.motor_coordinates)
     for _ in range(60):
+        # q, dq, q_des, dq_des, torque; stiffness and damping; limits of the gains
         given: list[Any] = [_array(random.normal(size=n)) for _ in range(5)] + [
             _array(random.normal(size=(n, n))) for _ in "ab"
         ]

@@ -152,7 +152,7 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
     tree = _TipTree.of(chain, arguments[:size], "hybrid")
     origin = Configuration.of(chain, arguments[:size]).base[1]
     energy, loads = ca.SX(0), list[_Load]()
-    for index, tip in enumerate(chain.tips):
+    for index, tip in enumerate(chain.tips):  # each tip's spring, then its load on the joints before it
         parameters = []
         for argument, values in zip(spring.parameters, arguments[size:], strict=True):
             shape = argument.array(chain).shape

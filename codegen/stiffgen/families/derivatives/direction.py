@@ -45,6 +45,7 @@ def stiffness_direction_gradient(
     operands = Operand(v, "i"), Operand(v, "j")
     comment = "cotangent v_i v_j for i<=j, mirrored"
     steps.append(Map(comment, Over.UPPER, Operand(cotangent, "ij"), operands, lambda a, b: a * b, mirror=True))
+    # d(v^T Kq v)/dq, step by step backwards through the program of Kq
     variables = [argument.array(chain) for argument in (*((BASE_POSE,) if chain.floating else ()), Q)]
     product = adjoint.reverse(chain, forward, variables, [Kq], [cotangent])
     gradients = tuple(Operand(Array(bar_name(each.name), gradient_shape(each)), "") for each in variables)

@@ -83,7 +83,7 @@ class _Model:
         """Read bodies and the tree of joints from the file; the tool's body is added to the tip's link."""
         self.chain = chain
         self.joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-        self.below: dict[str, list[str]] = {}
+        self.below: dict[str, list[str]] = {}  # joints below each link
         for name, joint in self.joints.items():
             self.below.setdefault(_link(joint, "parent"), []).append(name)
         self.bodies = {link.get("name", ""): _second_moments(link) for link in root.findall("link")}

@@ -56,10 +56,12 @@ def differentiated(
     for joint, pose in zip(chain.joints, poses, strict=True):
         moving = ca.jtimes(ca.vec(pose), coordinates, rates).reshape((4, 4))
         kinetic += ca.trace(moving @ _second_moments(joint.body) @ moving.T) / 2
+    # Lagrange: d/dt (dT/d rates) - dT/dq + dU/dq at constant rates
     mass_matrix, momentum = ca.hessian(kinetic, rates)
     stiffness, gradient = ca.hessian(potential, coordinates)
     forces = ca.jtimes(momentum, coordinates, rates) - ca.gradient(kinetic, coordinates) + gradient
     if base_joints:
+        # the base's velocity is stated in its own axes, which turn: its acceleration has w x v in it
         forces += mass_matrix[:, :3] @ ca.cross(rates[3:6], rates[:3])
     expected = {
         "mass_matrix": mass_matrix,

@@ -105,6 +105,7 @@ def static_torque_derivatives(chain: Chain, result: Argument, inputs: tuple[Argu
     """
     *configuration, wrench = (each for each in inputs if not each.is_base_pose)
     m, size = len(chain.joints), 6 if chain.floating else 3
+    # columns of the joints; covectors of what they carry; arms of the joints' own torques
     S, u, t = Array("S", (size, m)), Array("u", (size, m)), Array("t", (3, m))
     turning_wrench, F = in_base_axes(chain, wrench)
     turning_gravity, g = in_base_axes(chain, GRAVITY)

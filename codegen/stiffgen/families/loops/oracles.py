@@ -214,6 +214,7 @@ def check_loops(
     closes = np.isfinite(closed_or_nan).all(axis=1)
     q = closed_or_nan[closes]
     equations = _Equations(chain)
+    # gap of the loops [m], [rad] in all configurations that are closed
     residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q), default=0.0)
     moved = np.abs(q[:, chain.actuated] - actuated[closes]).max(initial=0.0)
     checks = [

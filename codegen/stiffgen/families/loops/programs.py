@@ -213,7 +213,7 @@ def bias_forces(
     ``tree`` returns the steps that compute ``forces`` from the tree's rates and an array of its accelerations.
     """
     n, motors = chain.dof, chain.motors
-    passive = [k for k in range(n) if k not in motors]
+    passive = [k for k in range(n) if k not in motors]  # coordinates that the closed loops move
     rates, acceleration = VELOCITY.array(chain), Array("acceleration", (n,))
     G_p = Array("G", (len(passive), len(motors)))
     steps, source = _of_joints(tree(acceleration), forces)

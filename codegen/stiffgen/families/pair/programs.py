@@ -155,7 +155,7 @@ def _force(Ja: Array, Jb: Array, F: Array, output: Array, sign: int, name: str) 
 
 
 def _tangent(chain: Chain, Ja: Array, Jb: Array, F: Array, K: Array, output: Array) -> Program:
-    """Return the steps of the joint stiffness over the moving joints."""
+    """Return the steps of the joint stiffness over the moving joints: columns times covectors (u) of both tips."""
     u = Array("ua", Ja.shape), Array("ub", Jb.shape)
     operands = Operand(Ja, "j"), Operand(Jb, "j"), Operand(F, ""), Operand(K, "")
 

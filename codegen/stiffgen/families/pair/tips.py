@@ -93,7 +93,7 @@ def _translation(a: TipFrame, b: TipFrame, B: ca.SX, d0: ca.SX, Kt: ca.SX) -> Te
     """Return the terms of e^T S e/2: e is B's origin less A's less the rest displacement, half in each tip's axes."""
     (A, pa), (_, pb) = a, b
     half = 0.5 * d0
-    la, lb = A @ half, B @ half
+    la, lb = A @ half, B @ half  # arms from either tip to the spring's centre [m]
     e = pb - pa - la - lb
     SA, SB = (symmetric_from_upper((X @ (0.5 * Kt)) @ X.T) for X in (A, B))
     fA, fB = SA @ e, SB @ e
@@ -135,8 +135,9 @@ def absolute(a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca
     Kt, Ko = symmetric_from_upper(Kt), symmetric_from_upper(Ko)
     e = 0.5 * (a[1] + b[1]) - (H[:3, 3] - origin)
     f, B = Kt @ e, ca.densify(b[0] @ rest[:3, :3].T)
+    # the rotational halves: tip a, and tip b turned back by the rest rotation
     own, other = (trace_form(R, H, 0.5 * Ko, "equilibrium").of_tip(k) for k, R in enumerate((a[0], B)))
-    half, quarter = 0.5 * f, 0.25 * Kt
+    half, quarter = 0.5 * f, 0.25 * Kt  # the middle moves by half of each tip's motion
     K = ca.SX(12, 12)
     for rows in (VA, VB):
         for columns in (VA, VB):

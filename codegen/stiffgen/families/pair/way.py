@@ -156,12 +156,13 @@ def between(chain: Chain, first: Tip, second: Tip, name: str) -> Chain:
 
     ``name`` is that of the chain's tip, for internal functions.
     """
+    # joints from the first tip towards the base, walked backwards, and from there out to the second tip
     inwards, outwards = _parted(chain, first, second)
     joints, place = list[Joint](), _pose(first.rotation, first.translation).inverse()
 
     def append(joint: Joint, sign: int) -> None:
         rotation, translation = place.rounded()
-        x, y, z = (sign * each if each else 0.0 for each in joint.axis)
+        x, y, z = (sign * each if each else 0.0 for each in joint.axis)  # never -0.0
         turned = replace(joint, axis=(x, y, z), parent=len(joints) - 1)
         joints.append(replace(turned, rotation=rotation, translation=translation))
 

@@ -115,7 +115,7 @@ class Displacement:
         Without V, the energy is d . force/2. The chain rule with the derivatives of d (see the attributes) gives the
         moment arm x f, the coupling vw = -S [arm] and the rotational block ww; -[f] is added to vw for tip axes.
         """
-        f, S = self.in_base(force), stiffness
+        f, S = self.in_base(force), stiffness  # force [N] and stiffness [N/m] in base axes
         sections = [self.section, Section("force f", {"f": f})]
         if self.X is not None:
             XK = self.X @ stiffness
@@ -127,7 +127,7 @@ class Displacement:
         moment, vw, ww, products = ca.SX(3, 1), ca.SX(3, 3), ca.SX(3, 3), dict[str, ca.SX]()
         if self.arm is not None and self.bend is not None:
             arm, bend = ca.skew(self.arm), self.bend
-            SA = S @ arm
+            SA = S @ arm  # the spring's force per turn of the tip, without its sign
             products |= {f"S{i}{j}_b{k}": S[i, j] * bend[k] for i in range(3) for j in range(i, 3) for k in range(3)}
             products |= {f"f{i}_b{k}": f[i] * bend[k] for i in range(3) for k in range(3)}
             sign = "-" if self.with_tip else ""
@@ -137,6 +137,7 @@ class Displacement:
                 Section(f"SA = S [{sign}b]; f_b = f . b", {"SA": SA, "f_b": ca.dot(f, bend)}),
             )
             moment, vw = ca.cross(self.arm, f), -SA
+            # f . (w x (w x b))/2 as a quadratic form of w: sym(f b^T) - (f . b) I
             ww = arm @ vw + _symmetric(f @ bend.T)
             for k in range(3):
                 ww[k, k] -= ca.dot(f, bend)
@@ -212,6 +213,7 @@ def _quaternion(R: ca.SX, R0: ca.SX) -> tuple[ca.SX, ca.SX, tuple[Section, ...]]
     """
     E = R0.T @ R
     D = R0.T @ (R - R0)
+    # 4 times the products of (w, x, y, z): first those of two components, then the squares
     wx, wy, wz = ca.vertsplit(_axial(D))
     xy, xz, yz = E[0, 1] + E[1, 0], E[0, 2] + E[2, 0], E[1, 2] + E[2, 1]
     one_plus, one_minus = 1 + E[0, 0], 1 - E[0, 0]
@@ -219,9 +221,11 @@ def _quaternion(R: ca.SX, R0: ca.SX) -> tuple[ca.SX, ca.SX, tuple[Section, ...]]
     yy, zz = one_minus + E[1, 1] - E[2, 2], one_minus - E[1, 1] + E[2, 2]
     products = (ww, wx, wy, wz), (wx, xx, xy, xz), (wy, xy, yy, yz), (wz, xz, yz, zz)
     rows = [ca.vertcat(*each) for each in products]
+    # branches of a tournament: the better one of w and x, of y and z, and of both
     x_first, z_first, yz_first = ww < xx, yy < zz, ca.fmax(ww, xx) < ca.fmax(yy, zz)
     row = ca.if_else(yz_first, ca.if_else(z_first, rows[3], rows[2]), ca.if_else(x_first, rows[1], rows[0]))
     is_negative = row[0] < 0
+    # the row is the quaternion times 4 times one of its components; the sign makes eta >= 0
     length = ca.if_else(is_negative, -1, 1) * ca.sqrt(ca.dot(row, row))
     unit = row / length
     diagonal = {f"E{k}{k}": E[k, k] for k in range(3)}
@@ -317,7 +321,7 @@ def by_quaternion(R: ca.SX, H: ca.SX, Ko: ca.SX, axes: Axes, factor: Factor, mea
     k = Ko @ eps
     form = ca.dot(eps, k)
     n = eta * k + ca.cross(eps, k)
-    T = eta * ca.SX.eye(3) - ca.skew(eps)
+    T = eta * ca.SX.eye(3) - ca.skew(eps)  # twice the derivative of eps with respect to y
     KT = Ko @ T
     Z = symmetric_from_upper(T.T @ KT)
     down, quarter, half_g = 0.5 * form * dg, 0.25 * form, 0.5 * g
@@ -361,6 +365,7 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     turn = {}
     if axes[1] == "base":
         turn, sigma = {"turn": sine}, R0 @ sine
+    # force [N] of the turn, moment [N m] of the displacement
     Ks, Kd = K[:3, 3:] @ sigma, K[:3, 3:].T @ d
     Kl = K[:3, :3] @ d
     linear = displacement.terms(Kl + Ks, K[:3, :3], ca.dot(d, 0.5 * Kl + Ks))
@@ -370,9 +375,10 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     for k in range(3):
         M[k, k] = 0.5 * (N[(k + 1) % 3, (k + 1) % 3] + N[(k + 2) % 3, (k + 2) % 3])
     X = ca.SX.eye(3) if displacement.X is None else displacement.X
-    XK, pull = X @ K[:3, 3:], Y @ Kd
+    XK, pull = X @ K[:3, 3:], Y @ Kd  # rows of K12 and the moment K12^T d in base axes
     C = XK @ Y.T
     CM = C @ M
+    # second derivative of the middle term with respect to the rotation: that of a trace form with [-pull]
     bend = N @ ca.skew(-pull)
     ww = 0.5 * _symmetric(bend)
     for k in range(3):

@@ -85,6 +85,7 @@ def textbook(name: str, placement: Placement) -> Energy:
     def energy(p: ca.SX, R: ca.SX, H: ca.SX, *stiffnesses: ca.SX) -> ca.SX:
         """Return the energy [J] at position p and rotation R of the tip, with equilibrium H."""
         R0, p0, centre = H[:3, :3], H[:3, 3], ca.DM(placement.centre)
+        # displacement [m] of the centre of stiffness, in the axes of the translational stiffness
         away = _in(translation, R, R0).T @ (p + R @ centre - p0 - R0 @ centre)
         if kind == "bounded":
             Kt, Ko, force, moment = stiffnesses

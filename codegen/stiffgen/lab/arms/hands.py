@@ -83,6 +83,7 @@ def internal_wrench(
     """
     pa, pb = _origins("internal_wrench", pose_a, pose_b)
     at = (pa + pb) / 2 if point is None else _shape("internal_wrench: point", point, 3)
+    # both hands' wrenches about the one point
     a = _at(_shape("internal_wrench: wrench_a", wrench_a, 6), pa, at)
     b = _at(_shape("internal_wrench: wrench_b", wrench_b, 6), pb, at)
     weight = np.zeros(6) if load is None else _shape("internal_wrench: load", load, 6)

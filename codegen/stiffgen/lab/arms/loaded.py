@@ -157,6 +157,7 @@ def settle(
     )
     if F.shape[-1] != 6 or first.shape[-1] != rest.shape[-1]:
         raise StiffgenError("settle: takes a wrench (..., 6) and, as start, joint positions of the robot")
+    # all leading dimensions as one row of arms
     lead = np.broadcast_shapes(rest.shape[:-1], arm.stiffness.shape[:-2], F.shape[:-1], first.shape[:-1])
     arm, (rest, F, first) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, F, first))
     q, converged, state = arm.newton(first, rest, F, tolerance, steps)
@@ -379,15 +380,13 @@ class _Arm:
     def newton(
         self, start: FloatArray, rest: FloatArray, F: FloatArray, tolerance: float, steps: int
     ) -> tuple[FloatArray, Any, _State]:
-        """Return postures (k, n), whether they are at rest (k), and their states; `start`, `rest` (k, n), loads F (k,
-        6).
-        """
+        """Return postures (k, n), whether they rest (k), and their states; start, rest (k, n), loads F (k, 6)."""
         q = np.array(start)
         converged, going = np.zeros(len(q), dtype=bool), np.arange(len(q))
         for _ in range(steps):
             part = self.rows(going)
             state = part.at(q[going], rest[going], F[going])
-            is_finite = np.isfinite(state.eigenvalues).all(axis=1)
+            is_finite = np.isfinite(state.eigenvalues).all(axis=1)  # others are given up as NaN
             q[going[~is_finite]] = np.nan
             going, part = going[is_finite], part.rows(is_finite)
             step = _step(state, is_finite)
@@ -398,6 +397,7 @@ class _Arm:
             if not len(going):
                 break
             residual = state.residual[is_finite][~at_rest]
+            # the others go on, by a step that is short enough to go downhill
             q[going] += part.shortened(q[going], rest[going], F[going], residual, step)
         return q, converged, self.at(q, rest, F)
 

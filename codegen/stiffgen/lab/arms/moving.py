@@ -68,6 +68,7 @@ def move_stiffness(
         if array.shape[array.ndim - len(shape) :] != shape:
             raise ValueError(f"{name} must have the shape {shape}, not {array.shape}")
     check_symmetric("move_stiffness: task_stiffness", K)
+    # every representation is converted by way of the hybrid one
     lead = np.broadcast_shapes(H.shape[:-2], F.shape[:-1], K.shape[:-2])
     F, K = np.broadcast_to(F, (*lead, 6)), np.broadcast_to(K, (*lead, 6, 6))
     rotation, point = H[..., :3, :3], H[..., :3, 3]

@@ -57,7 +57,7 @@ def compliance_gradient(
     u = np.asarray(direction, dtype=float)
     if u.shape[-1:] not in ((3,), (6,)):
         raise StiffgenError(f"compliance_gradient: takes directions (..., 3) or (..., 6), not {u.shape}")
-    if u.shape[-1] == 3:
+    if u.shape[-1] == 3:  # a force has no moment
         u = np.concatenate([u, np.zeros_like(u)], axis=-1)
     return posture.sum_along(u[..., None, :])
 
@@ -96,6 +96,7 @@ def compliance_determinant_gradient(
     posture = _Posture.of("compliance_determinant_gradient", robot, q, wrench, joint_stiffness)
     rows = _ROWS[block]
     J = posture.jacobian[..., rows, :]
+    # C = V diag(values) V^T; d log det C = tr(C^-1 dC) is the sum of u^T dC u over the columns u of V values^(-1/2)
     values, vectors = np.linalg.eigh(J @ np.linalg.solve(posture.hessian, np.swapaxes(J, -1, -2)))
     is_singular = values[..., 0] <= 1e-15 * values.shape[-1] * values[..., -1]
     with np.errstate(divide="ignore", invalid="ignore"):

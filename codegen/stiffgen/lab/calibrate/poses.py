@@ -63,6 +63,7 @@ def read_rows(
     if len(rows) > most:
         raise RecordingError(f"{log}: has {len(rows)} rows, of at most {most}: record the poses or the motion alone")
     rows = rows[np.isfinite(rows).all(axis=1)]
+    # columns: time, if any, then positions, then readings
     first, n = int(opened.columns.time is not None), len(names)
     time = rows[:, 0] if first else None
     return opened.columns.positions(rows), rows[:, first + n :], time

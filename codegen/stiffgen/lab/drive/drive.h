@@ -99,6 +99,7 @@ static inline void drive_stiffness(const double rotation[4], const double target
                                    double stiffness[9])
 {
     const drive_state s = drive_evaluate(rotation, target, K, form);
+    /* Under a turn w in the body's axes: eps' = T w / 2. */
     const double T[9] = {s.eta, -s.eps[2], s.eps[1], s.eps[2], s.eta, -s.eps[0], -s.eps[1], s.eps[0], s.eta};
     const double across = 0.25 * s.share * (s.eta * s.dg + 2.0 * s.g), bent = 0.25 * s.share * s.ddg;
     double KT[9];
@@ -121,6 +122,7 @@ static inline void drive_turn(int p, int q, double A[9], double V[9])
 {
     const double beside = A[3 * p + q];
     if (beside == 0.0) { return; }
+    /* Cotangent of twice the angle; t, c, sine: tangent, cosine and sine of the smaller of both solutions. */
     const double ratio = 0.5 * (A[4 * q] - A[4 * p]) / beside;
     const double t = (ratio < 0.0 ? -1.0 : 1.0) / (fabs(ratio) + sqrt(ratio * ratio + 1.0));
     const double c = 1.0 / sqrt(t * t + 1.0), sine = t * c;

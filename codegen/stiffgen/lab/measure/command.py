@@ -26,7 +26,7 @@ TARED = Path("none")
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
+    """Add the arguments of stiffgen measure."""
     command.add_argument(
         "log", type=Path, nargs="?", metavar="LOG", help="recording of a motion about a pose, with time"
     )

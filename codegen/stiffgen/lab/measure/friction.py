@@ -80,6 +80,7 @@ def estimate_friction(q: ArrayLike, dq: ArrayLike, torque: ArrayLike) -> JointFr
         raise RecordingError(
             f"q {position.shape}, dq {velocity.shape} and torque {effort.shape} must be finite, of one shape"
         )
+    # half differences along the path (joints, places) [N m]; the scatter of means of blocks gives the interval
     parts = np.array([_halves(position, velocity, effort, joint) for joint in range(position.shape[1])])
     blocks = parts.reshape(len(parts), _BLOCKS, -1).mean(axis=2)
     wide = student_quantile(_BLOCKS - 1, _TAIL) / np.sqrt(_BLOCKS)

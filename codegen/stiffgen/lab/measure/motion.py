@@ -59,11 +59,12 @@ def motion(time: ArrayLike, poses: ArrayLike, readings: ArrayLike, *, in_base_ax
     if not (np.diff(at) > 0).all():
         raise RecordingError("the time must rise from row to row")
     R, p = H[:, :3, :3], H[:, :3, 3]
-    U, _, Vt = np.linalg.svd(R.mean(axis=0))
+    U, _, Vt = np.linalg.svd(R.mean(axis=0))  # the rotation nearest to the mean matrix
     reference = np.eye(4)
     reference[:3, :3] = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     reference[:3, 3] = p.mean(axis=0)
     R0 = reference[:3, :3]
+    # small motions (N, 6) [m], [rad] in the reference's axes
     twist = np.concatenate([(p - reference[:3, 3]) @ R0, rotation_vectors(R0.T @ R)], axis=1)
     if in_base_axes:
         F = np.concatenate([np.einsum("nji,nj->ni", R, F[:, k : k + 3]) for k in (0, 3)], axis=1)

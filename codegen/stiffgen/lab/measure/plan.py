@@ -102,11 +102,12 @@ def plan_excitation(robot: GeneratedRobot, q: ArrayLike, options: PlanOptions) -
             f"{40 * max(PERIODS)} in all"
         )
     amplitude, deviation, limit = _amplitudes(K, options)
+    # six sines, each with a period of its own, faded in and out over RAMP seconds
     count = round(options.rate * (options.duration + 2 * RAMP)) + 1
     time = np.arange(count) / options.rate
     ramp = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
     phase = 2 * np.pi * np.array(PERIODS) / options.duration * (time[:, None] - RAMP)
-    twist = amplitude * np.sin(phase) * (ramp**2 * (3 - 2 * ramp))[:, None]
+    twist = amplitude * np.sin(phase) * (ramp**2 * (3 - 2 * ramp))[:, None]  # (N, 6) [m], [rad] of the sensor
     path = _follow(robot, start, twist)
     _check_path(robot, path, options.rate)
     return Plan(time, twist, path, amplitude, deviation, limit)

@@ -65,9 +65,10 @@ def read_slow_motion(
         q, torque, time = q[inside], torque[inside], time[inside]
     if len(time) < 2 or not (np.diff(time) > 0).all():
         raise RecordingError(f"{log}: {len(time)} rows, whose time must rise from row to row; use part with --window")
-    half = round(0.5 * _SPAN / float(np.median(np.diff(time)))) or 1
+    half = round(0.5 * _SPAN / float(np.median(np.diff(time)))) or 1  # rows in half of the span of a difference
     if len(time) <= 2 * half:
         raise RecordingError(f"{log}: lasts {time[-1] - time[0]:.2g} s; a slow motion there and back takes seconds")
+    # central differences of the positions [rad/s]; rows too near to the ends drop out
     dq = (q[2 * half :] - q[: -2 * half]) / (time[2 * half :] - time[: -2 * half])[:, None]
     q, torque = q[half:-half], torque[half:-half]
     weight = gravity_torque(robot, q)

@@ -56,7 +56,8 @@ def recorded_postures(file: Path, chain: Chain) -> FloatArray:
     q = q[np.isfinite(q).all(axis=1)]
     if not len(q):
         raise RecordingError(f"{file}: has no row with a number in every column of q; record joint positions")
-    return np.asarray(q[np.unique(np.linspace(0, len(q) - 1, min(MOST, len(q))).astype(int))])
+    places = np.unique(np.linspace(0, len(q) - 1, min(MOST, len(q))).astype(int))
+    return np.asarray(q[places])
 
 
 def _numbers(row: dict[str, str | None], columns: list[str]) -> list[float]:

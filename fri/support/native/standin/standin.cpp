@@ -394,7 +394,7 @@ size_t encode(ClientData &data)
     data.out.header.identifier = 0x34001;
     data.out.header.sequence = data.sequence++;
     data.out.header.reflected = data.in.header.sequence;
-    const size_t front = STANDIN_VERSION >= 207 ? 4 : 0;
+    const size_t front = STANDIN_VERSION >= 207 ? 4 : 0; /* 2.7 puts length and checksum round a message */
     pb_ostream_t out = pb_ostream_from_buffer(reinterpret_cast<uint8_t *>(data.sent) + front, sizeof data.sent - 8);
     if (!pb_encode(&out, open_fri_Command_fields, &data.out)) {
         std::printf("Error: failed to encode!\n");
@@ -437,6 +437,7 @@ bool ClientApplication::step()
         data.last = state;
         client_.onStateChange(before, state);
     }
+    /* the robot wants one answer in so many messages */
     if (!call(state, client_) || ++data.count < message.connection.multiplier) {
         return true;
     }

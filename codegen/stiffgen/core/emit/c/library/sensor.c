@@ -8,7 +8,7 @@ void CALL(orthogonalise)(double A[ID(DOF)][6], double V[6][6])
         is_turning = 0;
         for (int p = 0; p < 5; ++p) {
             for (int k = p + 1; k < 6; ++k) {
-                double first = 0.0, second = 0.0, both = 0.0;
+                double first = 0.0, second = 0.0, both = 0.0; /* products of the columns p and k */
                 for (int i = 0; i < ID(DOF); ++i) {
                     first += A[i][p] * A[i][p];
                     second += A[i][k] * A[i][k];
@@ -17,6 +17,7 @@ void CALL(orthogonalise)(double A[ID(DOF)][6], double V[6][6])
                 if (!(fabs(both) > 1e-15 * sqrt(first * second))) {
                     continue;
                 }
+                /* cotangent of twice the angle that makes them orthogonal; t, c, s: its tangent, cosine, sine */
                 const double ratio = (second - first) / (2.0 * both);
                 const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
                 const double c = 1.0 / sqrt(1.0 + t * t), s = c * t;
@@ -186,11 +187,12 @@ void CALL(filter_step)(CALL(filter) *filter, double reading[6])
         double *s = filter->state[k];
         const double x = is_finite ? reading[k] : (double)NAN;
         if (!filter->is_started) {
+            /* the state in which a constant x has become gain * x */
             const double gain = (filter->b[0] + filter->b[1] + filter->b[2]) / (1.0 + filter->a[0] + filter->a[1]);
             s[1] = (filter->b[2] - filter->a[1] * gain) * x;
             s[0] = (filter->b[1] - filter->a[0] * gain) * x + s[1];
         }
-        const double y = filter->b[0] * x + s[0];
+        const double y = filter->b[0] * x + s[0]; /* direct form II transposed */
         s[0] = filter->b[1] * x - filter->a[0] * y + s[1];
         s[1] = filter->b[2] * x - filter->a[1] * y;
         reading[k] = y;

@@ -6,7 +6,7 @@ typedef float four __attribute__((vector_size(16)));
 static inline void transpose_four(four square[4])
 {
     for (int round = 0; round < 2; ++round) {
-        four paired[4];
+        four paired[4]; /* entries of rows k and k + 2 in turn: 0, 4, 1, 5 count through both */
         for (int k = 0; k < 2; ++k) {
 #if defined(__clang__)
             paired[2 * k] = __builtin_shufflevector(square[k], square[k + 2], 0, 4, 1, 5);

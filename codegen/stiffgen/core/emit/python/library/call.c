@@ -95,12 +95,13 @@ static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObj
     PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
     PyObject *others[MAX_OTHERS];
     Py_ssize_t left = 0;
-    if (count > k->inputs || named > MAX_OTHERS) {
+    if (count > k->inputs || named > MAX_OTHERS) { /* NumPy finds the words for these */
         return checked_call(k, self, args, flags, keywords);
     }
     for (Py_ssize_t i = 0; i < count; ++i) {
         ordered[i] = args[i];
     }
+    /* Arguments of the function go to their places; NumPy's own keywords (out, where) are kept behind them. */
     for (Py_ssize_t i = 0; i < named; ++i) {
         PyObject *const name = PyTuple_GET_ITEM(keywords, i);
         const int place = argument_place(k, name);

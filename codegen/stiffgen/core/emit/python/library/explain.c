@@ -81,7 +81,7 @@ static int explain_shape(const kernel *k, int i, PyObject *argument)
         PyErr_Clear();
         return 0;
     }
-    const int leading = PyArray_NDIM(array) - k->rank[i];
+    const int leading = PyArray_NDIM(array) - k->rank[i]; /* dimensions of the stack, before those of the argument */
     int fits = leading >= 0;
     for (int d = 0; d < k->rank[i] && fits; ++d) {
         fits = PyArray_DIM(array, leading + d) == k->extent[i][d];

@@ -42,7 +42,7 @@ void copy_block(const kernel *k, int operand, char *block, const npy_intp *steps
     for (npy_intp a = 0; a < planes; ++a) {
         for (npy_intp b = 0; b < rows; ++b) {
             for (npy_intp c = 0; c < columns; ++c) {
-                char *at = block;
+                char *at = block; /* steps are in bytes */
                 at += rank > 0 ? c * steps[rank - 1] : 0;
                 at += rank > 1 ? b * steps[rank - 2] : 0;
                 at += rank > 2 ? a * steps[0] : 0;
