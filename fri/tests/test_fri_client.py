@@ -129,9 +129,7 @@ def test_friction_is_fed_forward(open_programs: Programs, robot: ModuleType, tmp
 
 
 def test_the_counter_tells_of_lost_messages(programs: Programs, robot: ModuleType, tmp_path: Path) -> None:
-    """Lose 2 of 100 messages: the client counts them, keeps the samples' time right and takes dq as a mean over the
-    gap.
-    """
+    """Lose 2 of 100 messages: the client counts them, keeps the time of samples, and dq is the mean over the gap."""
     script = moving_script(programs, robot, 100)
     del script.datagrams[40:42]  # 9 messages before the first sample: samples 31 and 32 are lost
     wiped = Wiped(programs, script, tmp_path)
@@ -140,7 +138,7 @@ def test_the_counter_tells_of_lost_messages(programs: Programs, robot: ModuleTyp
     steps = np.where(np.arange(97) == 30, 3, 1)  # the gap of three periods follows sample 30
     np.testing.assert_array_equal(np.diff(wiped.log["counter"]), steps)
     np.testing.assert_allclose(np.diff(wiped.log["time"]), 0.005 * steps, atol=1e-9)
-    mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015
+    mean = (moving(robot, 33 * 0.005)[0] - moving(robot, 30 * 0.005)[0]) / 0.015  # three periods of 5 ms
     np.testing.assert_allclose(wiped.log["dq"][31], mean, atol=1e-12)
     assert_safe(wiped, robot)
 
@@ -164,7 +162,9 @@ def test_silence_leads_to_the_fallback_and_back(programs: Programs, robot: Modul
 def test_a_fault_is_reset_after_good_samples_and_not_after_gaps(
     one: Programs, robot: ModuleType, tmp_path: Path
 ) -> None:
-    """0.2 s of samples that came: what was lost in between does not count."""
+    """Give 0.2 s of samples after a silence, with gaps: the fault is reset by those that came, lost ones do not
+    count.
+    """
     script = moving_script(one, robot, 600)
     kept = [k < 100 or (k >= 140 and (k % 20 == 0 or k >= 400)) for k in range(600)]  # silence, then one in twenty
     script.datagrams[9:] = [d for d, keep in zip(script.datagrams[9:], kept, strict=True) if keep]
@@ -172,6 +172,7 @@ def test_a_fault_is_reset_after_good_samples_and_not_after_gaps(
     reset = np.flatnonzero(wiped.log["reset"])
     valid = np.cumsum(wiped.log["sample_valid"])
     assert len(reset) == 1
+    # good samples until then: 100 before the silence, 14 between gaps, and 40 in 0.2 s
     assert valid[reset[0]] == 100 + 14 + 40
     assert wiped.faults["controller_faults"] == 1
 

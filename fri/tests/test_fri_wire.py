@@ -259,7 +259,7 @@ def test_every_nth_message_is_answered(every: Programs) -> None:
     script = every.script()
     script.begin(3, 3)
     script.add(COMMANDING_ACTIVE, 12, receive_multiplier=3)
-    steps = every.probe(script)[:-1]
+    steps = every.probe(script)[:-1]  # nine before commanding
     assert [bool(step["sent"]) for step in steps[9:]] == 4 * [False, False, True]
     assert all(step["callback"] == "command" for step in steps[9:])
     answers = [script.protocol.decode_command(bytes.fromhex(step["sent"])) for step in steps if step["sent"]]

@@ -130,7 +130,7 @@ class Bench:
     def wiped(self) -> float:
         """Return the rms error [N] of the force across a cylinder of 0.3 m that is wiped at 0.1 m/s, friction 0.2."""
         time, radius = np.arange(8000) * 1e-3, 0.3
-        angle = 0.4 * np.sin(0.1 / (0.4 * radius) * np.maximum(time - 3.0, 0.0))
+        angle = 0.4 * np.sin(0.1 / (0.4 * radius) * np.maximum(time - 3.0, 0.0))  # [rad] about the cylinder
         normal = np.stack([np.zeros(8000), np.sin(angle), np.cos(angle)], axis=1)
         poses = np.tile(self.pose, (8000, 1, 1))
         poses[:, :3, 3] += radius * (normal - [0.0, 0.0, 1.0])

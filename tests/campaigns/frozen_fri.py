@@ -57,7 +57,7 @@ def draw_faulty(rng: np.random.Generator, kind: str) -> Schedule:
     joints = 1 << joint
     if kind == "several":
         joints = int(sum(1 << int(i) for i in rng.choice(7, int(rng.integers(2, 7)), replace=False)))
-    joints = 127 if kind == "all" else joints
+    joints = 127 if kind == "all" else joints  # bits of the seven joints
     word, value = "still", float(joints)
     if kind == "toggling":
         word, value = "toggling", float(100 * joints + rng.integers(0, 52))

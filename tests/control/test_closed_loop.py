@@ -285,13 +285,13 @@ def test_a_fast_arm_is_braked(loop: Loop) -> None:
     believed up to ten times the limit. A first version of this controller disbelieved the samples from twice the limit
     on, let the damping fade, and the arm ran away at 30 times the limit.
     """
-    push = np.array([0, 0, 0, 70.0, 0, 9, 9])
+    push = np.array([0, 0, 0, 70.0, 0, 9, 9])  # [N m], for 80 ms
     parts = loop.segments({}, {"start": 100, "push": 0.65 * push}, {"start": 180, "push": 0.0})
     summary, rows = loop.run(1500, parts, configs=config(loop), rows=True)
     assert_contract(summary)
     assert summary.faults == 0, "80 ms, less than 0.2 s"
     assert 1.2 < summary.speed < 1.5, "the push is not right for this test"
-    assert np.abs(rows["v"][-1]).max() < 0.1
+    assert np.abs(rows["v"][-1]).max() < 0.1  # [rad/s] braked
     parts = loop.segments({}, {"start": 100, "push": push}, {"start": 180, "push": 0.0})
     summary, outputs = loop.run(1500, parts, configs=config(loop), outputs=True)
     assert summary.faults == 1 and outputs["fault"][-1] == DISSIPATION
@@ -359,7 +359,7 @@ def modes(loop: Loop, motor: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 0.7])
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_designed_damping_ratio(loop: Loop, ratio: float, delay: int) -> None:
-    """From the overshoot of each mode with omega T < 0.05: the designed ratio within 2 %.
+    """Fit the overshoot of each mode with omega T < 0.05: it has the designed ratio within 2 %.
 
     Before: 0.14 where 0.7 was designed, at one sample of delay (the motor's inertia not in the design).
     """
@@ -371,7 +371,7 @@ def test_designed_damping_ratio(loop: Loop, ratio: float, delay: int) -> None:
         period = 2 * np.pi / (omega * np.sqrt(1 - ratio**2))
         samples = int(1.2 * period / 1e-3)
         settings = config(loop, motor_inertia=MOTOR, damping_ratio=ratio, delay_samples=delay)
-        push = (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector / np.abs(vector).max()
+        push = (loop.mass_matrix(Q0) + MOTOR * np.eye(7)) @ vector / np.abs(vector).max()  # moves this mode alone
         parts = loop.segments({}, {"start": 5, "push": push * 0.05 * min(value, 10)}, {"start": 15, "push": 0.0})
         summary, rows = loop.run(samples + 30, parts, loop.episode(delay=delay), settings, rows=True)
         assert summary.faults == 0

@@ -120,11 +120,11 @@ def test_a_counter_that_stands_still_ends_the_account(robot: ModuleType) -> None
     controller, last = held_away(robot)
     for k in range(600):
         out = controller.step(**AT_REST | {"q0": Q + 0.1}, counter=599)
-        if k < 2:
+        if k < 2:  # at first the torque stays as it was
             np.testing.assert_array_equal(out.torque, last.torque)
     assert out.reason == robot.Reason.CLOCK and out.mode == robot.Mode.LIMP
     assert not out.torque.any()
-    moving = np.full(7, 0.1)
+    moving = np.full(7, 0.1)  # [rad/s]
     for k in range(700, 740):  # the clock goes on: damping brakes, the springs wait for the reset
         out = controller.step(**AT_REST | {"q": Q + moving * 1e-3 * (k - 700), "dq": moving}, counter=k)
     assert out.mode == robot.Mode.FOLLOW and out.torque @ moving < -0.1 and out.stored == 0.0
@@ -254,11 +254,11 @@ def test_a_restart_with_the_torque_in_force_has_no_jump(robot: ModuleType) -> No
 
 
 def test_samples_that_are_lost_and_come_back(robot: ModuleType) -> None:
-    """release, hold and resume, after ten missing samples."""
+    """Miss samples until a fault, then give good ones: each reaction (release, hold, resume) goes on as it says."""
     modes = {}
     for reaction in ("release", "hold", "resume"):
         controller, _ = held_away(robot, communication_reaction=reaction)
-        for k in range(600, 615):
+        for k in range(600, 615):  # more than the ten that are borne
             out = controller.missed(counter=k)
         assert out.reason == robot.Reason.MISSED
         for k in range(615, 1000):

@@ -115,12 +115,12 @@ def test_the_pair_leaves_common_motion_alone(dual: GeneratedRobot) -> None:
 def test_a_squeeze_is_internal(dual: GeneratedRobot) -> None:
     """Command a wrench of the pair: B gets it in A's axes, A its reaction; common joints get nothing."""
     squeeze = np.zeros((3, 6))
-    squeeze[2] = (3.0, -20.0, 5.0, 0.4, 0.2, -0.3)
+    squeeze[2] = (3.0, -20.0, 5.0, 0.4, 0.2, -0.3)  # [N], [N m]; rows 0 and 1 are the tips', 2 the pair's
     out = engaged(dual, stiff(400.0, 2, 3), wrench_command=squeeze)
     assert not out.fault and abs(out.feedforward_torque[0]) < 1e-12
     module = dual.module
     a, b = module.right_hand.forward_kinematics(Q), module.left_hand.forward_kinematics(Q)
-    f, m = a[:3, :3] @ squeeze[2, :3], a[:3, :3] @ squeeze[2, 3:]
+    f, m = a[:3, :3] @ squeeze[2, :3], a[:3, :3] @ squeeze[2, 3:]  # in base axes
     on_a = -np.concatenate([f, m + np.cross(b[:3, 3] - a[:3, 3], f)])
     expected = module.left_hand.hybrid.jacobian(Q).T @ np.concatenate([f, m])
     expected = expected + module.right_hand.hybrid.jacobian(Q).T @ on_a

@@ -157,7 +157,7 @@ def test_a_slow_approach_has_its_time(robot: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_an_approach_on_a_sensor_that_says_nothing_ends(iiwa: Arm) -> None:
-    """3 cm of spring, 18 N, for 5 s, and then none; before, for good."""
+    """Press with a sensor that says nothing: 3 cm of spring, 18 N, for 5 s, and then no force; before, for good."""
     rows = pressed_rows(iiwa, 9000, (0.0, 0.0, -1.0), 600.0, wrench_gain=0.0)
     force = rows["contact"][:, 2]
     print(f"most {force.max():.1f} N, for {1e-3 * (force > 9.0).sum():.1f} s, at the end {force[-500:].mean():.1f} N")

@@ -99,7 +99,7 @@ def test_what_is_wrong_is_refused(arms: ModuleType) -> None:
     for wrong in ({"object_pose": 2 * np.eye(4)}, {"grasp": np.zeros((2, 4, 4))}):
         with pytest.raises(ValueError, match="pose"):
             follow.step(**{"object_pose": goal, "grasp": grasp} | wrong)
-    assert np.abs(follow.q0 - before).max() > 1e-5
+    assert np.abs(follow.q0 - before).max() > 1e-5  # [rad] it went on
     carried(arms, follow, goal, 4.0)
     assert follow.error.max() < 1e-4
     for given in ({}, {"pose": goal @ grasp, "object_pose": goal, "grasp": grasp}, {"object_pose": goal}):

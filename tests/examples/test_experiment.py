@@ -243,7 +243,7 @@ def test_reference() -> None:
     for sample_time in (0.005, 0.001):
         plan = trajectory.motion(sample_time)
         np.testing.assert_array_equal(plan.q0[0], START_POSTURE)
-        every = round(0.005 / sample_time)
+        every = round(0.005 / sample_time)  # the record has 5 ms
         np.testing.assert_allclose(plan.q0[plan.pressing][::every], trajectory.recorded(), atol=1e-12)
         assert plan.time[plan.pressing][0] == pytest.approx(5.0)
         approach = ~plan.pressing

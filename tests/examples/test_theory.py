@@ -50,7 +50,7 @@ def test_work_of_small_orbits_falls_with_the_third_power(law: str) -> None:
     if law == "gradient of an energy":
         assert abs(net(1.0)) < 1e-10
     else:
-        assert net(0.1) > 1e-3
+        assert net(0.1) > 1e-3  # [J]
         assert net(0.1) / net(0.01) == pytest.approx(1000, rel=0.01)
 
 

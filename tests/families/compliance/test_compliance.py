@@ -323,7 +323,7 @@ def test_compiled_calls_refuse_as_the_model_does(floating, tmp_path, unoptimised
             stacked = robot.kernels[kernel.qualified_name](*stacks)
             single = np.array([robot.kernels[kernel.qualified_name](*state) for state in zip(*stacks, strict=True)])
         no_number = np.isnan(expected.reshape(count, -1))
-        assert no_number[[1, 3, 5, 7, 13]].all(), kernel.qualified_name
+        assert no_number[[1, 3, 5, 7, 13]].all(), kernel.qualified_name  # those with infinity or NaN
         assert (no_number.all(axis=1) == no_number.any(axis=1)).all()
         refused += no_number[::2].all(axis=1).sum()
         for found in (stacked, single):

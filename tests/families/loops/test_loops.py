@@ -271,6 +271,7 @@ def delta(folder: Path) -> tuple[Chain, ca.SX, ca.SX]:
         reach = 0.3 * ca.cos(a[k])  # of the arm, less the platform's point
         centres.append(ca.vertcat((0.12 + reach) * c, (0.12 + reach) * s, height - 0.3 * ca.sin(a[k])))
     first, *others = centres  # spheres about the moved elbows meet in the platform's origin
+    # two planes in which pairs of spheres meet, their line, and its point on the first sphere
     normals = ca.vertcat(*((2 * (each - first)).T for each in others))
     right = ca.vertcat(*(ca.sumsqr(each) - ca.sumsqr(first) for each in others))
     flat, slope = ca.solve(normals[:, :2], right), -ca.solve(normals[:, :2], normals[:, 2])

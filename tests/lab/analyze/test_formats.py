@@ -302,7 +302,7 @@ def test_time_that_runs_backwards(here, robot_folder, monkeypatch):
     rows = ROWS.copy()
     rows[50:, 0] -= 0.1
     rows[120:, 0] -= 0.1
-    rows[121, :] = np.nan
+    rows[121, :] = np.nan  # a bad row beside the step back
     recordings.write_parquet(here / "late.parquet", rows, row_group_size=25)
     for block in (1, 7, 50):
         late = stiffgen.analyze("late.parquet", robot_folder, K, figures=False, block_rows=block)

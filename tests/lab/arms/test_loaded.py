@@ -110,16 +110,16 @@ def test_an_arm_that_sags(robot: ModuleType) -> None:
 
 def test_a_saddle_is_told_and_left(robot: ModuleType) -> None:
     """Load a straight arm beyond its limit: at rest but unstable; from beside it, it settles."""
-    wrench = np.array([0, 0, -100.0, 0, 0, 0])
+    wrench = np.array([0, 0, -100.0, 0, 0, 0])  # [N]; it buckles at 75 N
     held = stiffgen.settle(robot, np.zeros(7), np.full(7, 100.0), wrench)
     assert held.converged
     assert held.q.tolist() == [0.0] * 7
     assert held.stability == pytest.approx(Arm(np.zeros(7), np.full(7, 100.0)).softest(np.zeros(7), wrench), rel=1e-6)
-    assert held.stability < -10
+    assert held.stability < -10  # [N m/rad]
     fallen = stiffgen.settle(robot, np.zeros(7), np.full(7, 100.0), wrench, start=np.full(7, 1e-3))
     assert fallen.converged
     assert fallen.stability > 10
-    assert np.abs(fallen.q).max() > 0.5
+    assert np.abs(fallen.q).max() > 0.5  # [rad]
 
 
 def test_no_number_is_no_posture_and_few_steps_do_not_converge(robot: ModuleType) -> None:

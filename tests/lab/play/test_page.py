@@ -124,7 +124,7 @@ def test_a_links_point_moves_as_its_jacobian_says(scripts: Scripts) -> None:
 
 
 def test_matrices(scripts: Scripts, robot: ModuleType) -> None:
-    """The spring bears the wrench, exact is the slope of its torque, corrected agrees, conventional does not."""
+    """Ask for the matrices: the spring bears the wrench, exact is the slope of its torque, corrected agrees."""
     q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
     state = {"do": "matrices", "q": q, "wrench": WRENCH, "gains": GAINS}
     own, chosen = scripts.run([state | {"chosen": False}, state | {"chosen": True}])
@@ -133,7 +133,7 @@ def test_matrices(scripts: Scripts, robot: ModuleType) -> None:
     np.testing.assert_allclose(robot.spring.wrench(q, *spring), WRENCH, atol=1e-9)
     R0 = spring[0][:3, :3]
     np.testing.assert_allclose(R0 @ spring[2] @ R0.T, np.diag(GAINS[3:]), atol=1e-9)  # gains in base axes at rest
-    step = 1e-6 * np.eye(7)
+    step = 1e-6 * np.eye(7)  # [rad]
     slope = -(robot.spring.torque(q + step, *spring) - robot.spring.torque(q - step, *spring)) / 2e-6
     exact, corrected, conventional = (np.reshape(own[key], (7, 7)) for key in ("exact", "corrected", "conventional"))
     np.testing.assert_allclose(exact, slope.T, atol=1e-5)
@@ -146,7 +146,7 @@ def test_matrices(scripts: Scripts, robot: ModuleType) -> None:
         np.reshape(chosen["conventional"], (7, 7)), robot.hybrid.joint_stiffness_uncorrected(q, WRENCH, np.diag(GAINS)),
         atol=1e-10,
     )  # fmt: skip
-    assert np.abs(np.array(chosen["corrected"]) - chosen["exact"]).max() > 1e-2
+    assert np.abs(np.array(chosen["corrected"]) - chosen["exact"]).max() > 1e-2  # [N m/rad] of the chosen stiffness
 
 
 def test_no_spring_for_a_moment_that_is_too_large(scripts: Scripts) -> None:

@@ -35,8 +35,8 @@ def rest(robot: ModuleType, force: Array, start: Array = POSTURE) -> Array:
 
 
 def test_compliance_is_that_of_equilibria(scripts: Scripts, robot: ModuleType) -> None:
-    """C by differences of places at rest: no Hessian of ours; without the load's terms it is another one."""
-    force, step = np.array([15.0, -20.0, 25.0]), 1e-3
+    """Compare C with differences of places at rest, no Hessian of ours; without the load's terms it is another one."""
+    force, step = np.array([15.0, -20.0, 25.0]), 1e-3  # [N]
     q = rest(robot, force)
     task = {"do": "softness", "q": q, "wrench": [*force, 0, 0, 0], "gains": GAINS}
     (found,) = scripts.run([task])
