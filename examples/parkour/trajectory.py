@@ -85,15 +85,15 @@ def compare(robot: ModuleType) -> Shift:
     """Measure the shift of the replayed trajectory and make it anew from the recording."""
     before, after = recorded(), zero_force()
     made = shifted(robot, before, DEPTH)
-    poses = [robot.forward_kinematics(each) for each in (before, after, made)]
-    moved = poses[1][:, :3, 3] - poses[0][:, :3, 3]
-    turns = Rotation.from_matrix(poses[2][:, :3, :3] @ poses[1][:, :3, :3].transpose(0, 2, 1)).magnitude()
+    recorded_poses, replayed, remade = (robot.forward_kinematics(each) for each in (before, after, made))
+    moved = replayed[:, :3, 3] - recorded_poses[:, :3, 3]
+    turns = Rotation.from_matrix(remade[:, :3, :3] @ replayed[:, :3, :3].transpose(0, 2, 1)).magnitude()
     return Shift(
-        moved.mean(axis=0),
-        moved.std(axis=0),
-        float(np.linalg.norm(poses[2][:, :3, 3] - poses[1][:, :3, 3], axis=1).max()),
-        float(turns.max()),
-        np.abs(made - after).max(axis=0),
+        mean=moved.mean(axis=0),
+        deviation=moved.std(axis=0),
+        position=float(np.linalg.norm(remade[:, :3, 3] - replayed[:, :3, 3], axis=1).max()),
+        orientation=float(turns.max()),
+        joints=np.abs(made - after).max(axis=0),
     )
 
 

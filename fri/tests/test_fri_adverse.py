@@ -353,7 +353,7 @@ class Person:
         os.write(self._terminal, text)
 
     def answers(self, text: bytes) -> Callable[[object], None]:
-        """Return what gives the next answer."""
+        """Return a receiver of messages that types the text once the client has asked once more."""
 
         def answer(_: object) -> None:
             self._asked += 1

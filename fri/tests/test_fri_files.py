@@ -145,7 +145,7 @@ IGNORED = (signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU)
 def test_no_signal_ends_the_program_under_torque(
     number: signal.Signals, one: Programs, request: pytest.FixtureRequest
 ) -> None:
-    """Twice: timers send theirs again."""
+    """Send a signal twice, since timers send theirs again: the torque goes down before the program ends."""
     before = signal.signal(number, signal.SIG_DFL)  # the client would inherit that it is ignored, as under nohup
     request.addfinalizer(lambda: signal.signal(number, before))
     script = one.script()

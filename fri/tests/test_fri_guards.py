@@ -48,7 +48,7 @@ def test_a_contact_force_at_its_limit_stops_the_trajectory(torque: float, one: P
 def test_a_sensor_beyond_what_an_arm_can_meet_stops_the_trajectory(
     wrench: tuple[float, float], one: Programs, plate_folder: Path, tmp_path: Path
 ) -> None:
-    """Force [N] and moment [N m] of the sensor."""
+    """Let the sensor say a force [N] or moment [N m] that no LBR can meet: the trajectory stands."""
     sensor_port = free_port()
     log, summary = tmp_path / "log.csv", tmp_path / "summary.json"
     script = one.script()

@@ -103,7 +103,7 @@ def parse(text: str) -> Schedule:
 
 
 def draw_value(rng: np.random.Generator, kind: str) -> float:
-    """Draw a value for an event of that kind."""
+    """Draw a value for an event of that kind, over the orders of magnitude that KINDS states."""
     choice = KINDS[kind]
     if choice[0] == "share":
         return float(rng.choice([rng.uniform(), 1.0, 0.5]))
@@ -128,7 +128,7 @@ def begin(rng: np.random.Generator) -> Schedule:
 
 
 def mutate(rng: np.random.Generator, schedule: Schedule) -> Schedule:
-    """Mutate the schedule."""
+    """Return a neighbour of the schedule: one to three events added, dropped or changed."""
     events = list(schedule.events)
     for _ in range(int(rng.integers(1, 4))):
         choice = rng.integers(6) if events else 0
@@ -307,7 +307,7 @@ def report(found: Break) -> None:
 
 
 def main(given: Iterable[str] | None = None) -> int:
-    """Run the command line."""
+    """Search for sessions that break a promise of the client, and print the worst ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=Path("build/fri-attack"))
     parser.add_argument("--sessions", type=int, default=30000, help="of each version (%(default)s)")

@@ -340,7 +340,7 @@ def measure(arm: Arm) -> dict[str, list[float]]:
 
 
 def csv_text(measured: dict[str, dict[str, list[float]]]) -> str:
-    """Return a CSV line per situation and arm."""
+    """Return a CSV line per situation and arm, with a number of each law."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("situation", "arm", *LAWS))

@@ -76,7 +76,7 @@ def find_unstable(folder: Path, count: int) -> bool:
 
 
 def main() -> int:
-    """Run both parts."""
+    """Run both parts, random trees and postures near the limit of stability; 1 if a value is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--trees", type=int, default=200)
     parser.add_argument("--postures", type=int, default=1000)

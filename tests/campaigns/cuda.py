@@ -45,7 +45,7 @@ class Robot:
     generation: dict[str, Any] = field(default_factory=dict)
 
     def check(self, name: str, folder: Path, rows: int) -> DeviceCheck:
-        """Print the program of the check."""
+        """Print the program that checks the CUDA kernels of a robot on a device."""
         folder.mkdir(parents=True, exist_ok=True)
         file = self.urdf if isinstance(self.urdf, Path) else folder / f"{name}.urdf"
         if not isinstance(self.urdf, Path):

@@ -127,7 +127,7 @@ COUNTS = ("legs", "reached", "unreachable", "other posture", "silent", "not led"
 
 
 def survey(arm: Arm, legs: int, random: np.random.Generator) -> dict[str, int]:
-    """Return counts of legs."""
+    """Lead the arm along random legs, there and back; return how many had each of COUNTS."""
     counts = dict.fromkeys(COUNTS, 0)
     for k in range(legs):
         ends = [arm.lower + (arm.upper - arm.lower) * random.uniform(0.1, 0.9, arm.n) for _ in range(2)]

@@ -34,7 +34,7 @@ HANG = 10  # [s]
 
 
 def check_chain(seed: int, file: Path, most_moving: int) -> str:
-    """Return "agrees", or what is wrong."""
+    """Check a random chain with all oracles; return "agrees", or what is wrong."""
     size = most_moving if seed % 100 == 0 else 15 if seed % 10 == 0 else 7
     robot = random_robot(Plain(seed), min(size, most_moving))
     file.write_text(robot.text, encoding="utf-8")

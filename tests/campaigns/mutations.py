@@ -239,7 +239,9 @@ def count_survivors(workshop: Workshop, drawn: list[Mutant], seed: int) -> tuple
 
 
 def main() -> None:
-    """Run the campaign."""
+    """Make mutants of the controller or the kernels, run the comparisons of ``stiffgen verify`` on each, and count
+    the killed.
+    """
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "generated" / "iiwa14")
     parser.add_argument("--part", choices=("controller", "kernels"), default="controller", help="sources [controller]")

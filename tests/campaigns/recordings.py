@@ -68,7 +68,7 @@ class Recording:
 
 
 def read_recording(file: Path) -> Recording:
-    """Read a file."""
+    """Read a text file of named columns, one row a sample, in SI units."""
     columns = file.read_text().split("\n", 1)[0].split()
     rows = np.loadtxt(file, skiprows=1)
 

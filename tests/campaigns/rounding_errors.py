@@ -33,6 +33,7 @@ LARGEST_OFF = 0.01
 
 
 def main() -> int:
+    """Compare random values of each function with those in longer numbers; 1 if an error is beyond its bound."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--robot", default="iiwa14", help="a folder in generated/")
     parser.add_argument("--scalar", choices=SCALARS, default="double", help="float: the robot is generated anew for it")

@@ -45,7 +45,7 @@ def springs(random: Random, loop: Loop, least: float, least_rotation: float) -> 
 
 
 def part(random: Random, loop: Loop, moving: bool) -> dict[str, Any]:
-    """Draw a random segment."""
+    """Draw a random segment of an episode: when it starts, what is lost, commanded, pushed or loaded from then on."""
     made: dict[str, Any] = {
         "start": int(random.integers(1, SAMPLES)),
         "missed": 0,

@@ -62,7 +62,7 @@ class Batches:
 
 
 def timed(calls: Sequence[Callable[[], None]]) -> list[float]:
-    """Medians of the calls [s], by turns."""
+    """Return the medians of the calls' durations [s], measured by turns."""
     rounds: list[list[float]] = [[] for _ in calls]
     for _ in range(ROUNDS):
         for call, times in zip(calls, rounds, strict=True):

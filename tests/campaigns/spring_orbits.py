@@ -83,7 +83,7 @@ def rotation_error(E: Array) -> tuple[Array, float]:
 
 
 def laws(model: stiffgen.StiffnessModel, orbit: Orbit) -> dict[str, Law]:
-    """Torque [N m] as a function of q, by name."""
+    """Return the laws by name: torques (n) [N m] as functions of q (n) [rad]."""
     H = np.array(model.forward_kinematics(orbit.rest))
 
     def potential(kind: str) -> Law:
@@ -162,7 +162,7 @@ def _orbits(count: int, seed: int) -> tuple[stiffgen.StiffnessModel, list[Orbit]
 
 
 def main() -> None:
-    """Print both tables in Markdown."""
+    """Print both tables in Markdown: work round orbits, and its fall with the order of the quadrature."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     print(f"Work round {count} closed orbits of 0.05 to 1 rad, iiwa 14, J\n")
     print("| torque | median | largest |\n|---|---|---|")

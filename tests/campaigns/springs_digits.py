@@ -51,7 +51,7 @@ def _evaluated(subject: str, work: str) -> tuple[Path, digits.Evaluated]:
 
 
 def run(task: Task) -> tuple[str, Table]:
-    """Worst errors of some poses."""
+    """Return the subject of a task and the worst errors, relative and as a share of the bound, at some poses."""
     subject, case, count, seed, work = task
     placements = DEFAULT if subject.endswith("compiled") else digits.PLACEMENTS
     if subject == "pose":
@@ -84,7 +84,7 @@ def tasks(subjects: Sequence[str], count: int, work: str) -> Iterator[Task]:
 
 
 def failures(table: Table) -> list[str]:
-    """Return the errors beyond their bound."""
+    """Return a sentence for each error beyond its bound."""
     beyond = []
     for (subject, case, kind, measure), worst in table.items():
         for name, error in worst.items():

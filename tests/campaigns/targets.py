@@ -63,7 +63,7 @@ def reference_calls(robot: GeneratedRobot) -> tuple[str, Calls]:
 
 
 def measured(machine: Machine, robot: GeneratedRobot, kernels: Sequence[Kernel], states: int) -> Target:
-    """Measure a folder on a machine."""
+    """Build a folder's functions for a machine, run them there, compare their values and time them."""
     scalar, (reference, calls) = robot.scalar, reference_calls(robot)
     bound = 1e-12 if scalar == DOUBLE else 2e-6
     with tempfile.TemporaryDirectory() as place:
@@ -120,7 +120,7 @@ def main() -> int:
 
 
 def tables(robot: GeneratedRobot, options: argparse.Namespace) -> int:
-    """Measure and print; 1 if a value is wrong."""
+    """Measure each machine and print tables of times; 1 if a value is wrong."""
     kernels = [
         kernel for kernel in robot.table if kernel.qualified_name in (options.functions or robot.manifest["kernels"])
     ]

@@ -67,7 +67,7 @@ class Entry:
 
 
 def check(folder: Path, record: dict[str, Any], most_tips: int, scratch: Path) -> Entry:
-    """Compare the chains of one entry."""
+    """Compare the chains of one entry, to its first tips, with an independent reader."""
     path = folder / record["file"]
     arguments = {str(name): str(value) for name, value in record["args"].items()}
     own = Path(*Path(record["file"]).parts[:2])
@@ -150,7 +150,7 @@ def _missing(file: Path) -> Iterator[tuple[Path, float]]:
 
 
 def _stand_in(place: Path, size: float) -> None:
-    """Write a picture, or a cube."""
+    """Write a small picture or a cube in place of a file that a description names."""
     if place.suffix.lower() == ".png":
         from PIL import Image  # with matplotlib, of the extra test
 

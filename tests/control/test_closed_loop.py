@@ -255,11 +255,12 @@ def test_stuck_while_at_rest_is_no_fault(loop: Loop) -> None:
 
 
 def test_calls_left_out(loop: Loop) -> None:
-    """The counter tells of calls that were not made; samples that stand still are stale.
+    """Leave calls out, which the counter tells, or freeze the counter, so that samples are stale: a fault at once.
 
     Before: nothing looked, and a held torque accelerated the arm unseen.
     """
     for extra in ({"skip": 10}, {"frozen_counter": 1}):
+        # for 11 samples of 1 ms, after one second at rest
         summary = loop.run(2000, loop.segments({}, {"start": 1000, **extra}, {"start": 1011, "skip": 0}))
         assert summary.faults == 1, extra
         assert summary.fault_at <= 1012

@@ -147,7 +147,7 @@ def test_a_step_of_the_stub(library: Library) -> None:
 
 
 def test_the_checksum_sees_a_changed_memory(library: Library) -> None:
-    """Any double of any record."""
+    """Change any double of any record by 1: the step is refused."""
     state, out, sample = started(library), library.Output(), library.Input()
     fill(sample, sample_valid=0, clock=1)
     good = bytes(state)

@@ -230,7 +230,7 @@ int main(void)
 
 @pytest.mark.slow
 def test_cmake_package(robot_folder, tmp_path):
-    """Install, find_package, link, run."""
+    """Install the package, find it with find_package, link to it, and run the program."""
 
     def cmake(*arguments):
         subprocess.run(["cmake", *map(str, arguments)], check=True, cwd=tmp_path, capture_output=True)

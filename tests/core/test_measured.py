@@ -202,7 +202,9 @@ def halves(values: Array) -> tuple[Array, Array]:
 
 
 def with_stiffnesses(kernels: Any, pool: dict[Argument, Array]) -> list[tuple[Kernel, list[Array], list[Array]]]:
-    """Return every kernel that takes a stiffness, with symmetric arguments and with others of the same mean."""
+    """Return every kernel that takes a stiffness, with symmetric arguments and with others of the same symmetric
+    part.
+    """
     cases = []
     for kernel in kernels:
         if any(argument.symmetric_part for argument in kernel.arguments):

@@ -65,7 +65,7 @@ def test_below_the_threshold_axis_and_angle_are_right(tilt, tmp_path):
 
 @pytest.mark.parametrize(("length", "kept"), [(1e-15, 0.0), (1.1e-15, 1.1e-15)])
 def test_a_length_of_at_most_1e_15_metres_is_zero(length, kept, tmp_path):
-    """docs/wrench.md says so."""
+    """Read lengths about 1e-15 m: up to there they are rounding and become zero, as docs/wrench.md says."""
     file = tmp_path / "robot.urdf"
     file.write_text(
         '<robot name="tiny"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'

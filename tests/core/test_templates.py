@@ -37,11 +37,13 @@ def render(folder: Path, text: str, *, escaped: bool = False) -> str:
 
 
 def test_a_template_is_compiled_again_only_with_another_text(tmp_path: Path, compiled: list[str]) -> None:
+    """Render a text twice, then another one: each text is compiled once."""
     assert [render(tmp_path, text) for text in ("{{ x }}", "{{ x }}", "2 {{ x }}")] == ["<", "<", "2 <"]
     assert compiled == ["a.j2", "a.j2"]
 
 
 def test_a_page_is_escaped_though_the_same_text_was_not(tmp_path: Path, compiled: list[str]) -> None:
+    """Render a text plain, escaped and plain: kept templates of both kinds are not mixed up."""
     assert [render(tmp_path, "{{ x }}", escaped=escaped) for escaped in (False, True, False)] == ["<", "&lt;", "<"]
     assert len(compiled) == 2
 
@@ -50,6 +52,7 @@ def test_a_page_is_escaped_though_the_same_text_was_not(tmp_path: Path, compiled
 def test_nothing_is_kept_where_python_keeps_nothing(
     tmp_path: Path, compiled: list[str], monkeypatch: pytest.MonkeyPatch, reason: str
 ) -> None:
+    """Render twice in a folder without rights, or under -B: compiled twice, and no file is kept."""
     if reason == "read-only":
         monkeypatch.setattr(os, "access", lambda path, mode: False)  # chmod does not bind root
     else:

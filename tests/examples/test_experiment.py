@@ -47,7 +47,7 @@ def run(robot: ModuleType, law: str, steps: int, *, sample_time: float = 0.005, 
 
 
 def angular_jacobians(q: np.ndarray) -> np.ndarray:
-    """(N, 3, 7) by MuJoCo."""
+    """Return the angular Jacobians (N, 3, 7) of the tip at postures (N, 7) by MuJoCo, in base axes."""
     plant, result = bowl_plant(surface=False), np.empty((len(q), 3, 7))
     for k, posture in enumerate(q):
         plant.data.qpos[:] = posture

@@ -72,7 +72,7 @@ def test_the_picture_is_todays() -> None:
 
 @pytest.mark.wide(instead="test_three_drives_flutter_as_the_page_says_and_the_gradient_rests")
 def test_shoulder_and_hip_flutter_as_the_page_says() -> None:
-    """Recompute the table of docs/flutter.md."""
+    """Recompute the table of docs/flutter.md: the page has the same numbers."""
     page = (ROOT / "docs" / "flutter.md").read_text()
     rows = flutter.limb_rows()
     assert [row[5] for row in rows] == ["below 1e-3 rad"] * 2

@@ -18,7 +18,7 @@ from support.project import ROOT
 @pytest.mark.parametrize("test", ["a_motion_into_a_wall", "the_tangent_stands"])
 @pytest.mark.skipif(find_spec("mujoco.mjx") is None, reason="mujoco-mjx is not installed (extra mjx)")
 def test_implicit_steps_in_mjx(test: str, tmp_path: Path) -> None:
-    """Run a test of steps_in_mjx.py."""
+    """Run the tests of steps_in_mjx.py in a process of their own, one case each."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(

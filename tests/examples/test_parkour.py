@@ -23,7 +23,7 @@ from stiffgen import open_robot
 
 
 def poses(q: np.ndarray) -> np.ndarray:
-    """Poses of the flange (N, 4, 4), by MuJoCo."""
+    """Return the poses (N, 4, 4) [m] of the flange at postures (N, 7), by MuJoCo."""
     plant, result = Plant(), np.tile(np.eye(4), (len(q), 1, 1))
     for k, configuration in enumerate(q):
         plant.data.qpos[:] = configuration

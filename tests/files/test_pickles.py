@@ -38,7 +38,7 @@ if __name__ == "__main__":
 
 @pytest.fixture(scope="module")
 def shared(once: Once) -> Path:
-    """Return a cache that holds the iiwa 14."""
+    """Return a cache folder that holds the compiled iiwa 14."""
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:

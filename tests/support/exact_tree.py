@@ -138,7 +138,7 @@ class ExactTree:
         self.root = self.joints[0].parent
 
     def poses(self, base: Pose, q: list[mpmath.mpf]) -> dict[str, Pose]:
-        """Return the pose of every link."""
+        """Return the pose of every link in the base, rotation and origin, with mpmath's digits."""
         poses = {self.root: base}
         for joint in self.joints:
             pose = _after(poses[joint.parent], joint.place)
@@ -159,7 +159,7 @@ class ExactTree:
     def potential_energy(
         self, poses: dict[str, Pose], gravity: mpmath.matrix, left_out: tuple[str, ...] = ()
     ) -> mpmath.mpf:
-        """Return U of all bodies."""
+        """Return U [J] of all bodies under gravity."""
         total = mp.mpf(0)
         for link, (mass, com, _) in self.bodies.items():
             if link not in left_out:

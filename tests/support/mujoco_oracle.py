@@ -135,7 +135,7 @@ class MujocoChain:
         return base, base.T @ R[index].reshape(3, 3), base.T @ (p[index] - d.xpos[self.base]), p[index].copy()
 
     def at(self, q: np.ndarray) -> State:
-        """Evaluate everything at q (n)."""
+        """Return pose, masses, and Jacobians with derivatives at positions q (n), by MuJoCo."""
         m, d = self.model, self.data
         self._update(q, np.zeros(len(q)))
         base, R, p, point = self._frame()

@@ -142,7 +142,7 @@ class PinocchioChain:
         return joint, multiplier if self.joints[joint].get("type") in MOVING else 0.0, offset
 
     def at(self, q: np.ndarray) -> State:
-        """Evaluate everything at q (n)."""
+        """Return pose, masses, and Jacobians with derivatives at positions q (n), by Pinocchio."""
         model, data = self.model, self.data
         rates, positions = self._at(q)
         mass = pin.crba(model, data, positions).reshape(model.nv, -1)

@@ -77,7 +77,7 @@ FAULTS = (
 
 
 def faulty(fault: Fault, folder: Path) -> Path:
-    """Copy the iiwa 14's folder with the fault."""
+    """Copy the iiwa 14's folder with one fault in its text, and return the copy."""
     target = folder / "iiwa14"
     shutil.copytree(FOLDER, target)
     files = kernel_files(target, "iiwa14") if fault.part == "memory" else [target / CONTROLLER]

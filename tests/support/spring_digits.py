@@ -159,7 +159,7 @@ Evaluated = Callable[[str, Placement], dict[str, Callable[..., np.ndarray]]]
 
 
 def by_casadi(chain: stiffgen.Chain) -> Evaluated:
-    """Return the kernels as CasADi functions."""
+    """Return the kernels as CasADi functions, called as the module's are."""
 
     def kernels(kind: str, placement: Placement) -> dict[str, Callable[..., np.ndarray]]:
         """Return the functions of a spring over samples, by name."""

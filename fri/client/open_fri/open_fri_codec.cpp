@@ -98,7 +98,7 @@ bool take_ios(const open_fri_Measurement &from, Monitoring *to)
     to->io_count = from.ios_count;
     for (int i = 0; i < to->io_count; ++i) {
         const open_fri_Io &io = from.ios[i];
-        if (io.type > 2 || io.direction > 1) {
+        if (io.type > 2 || io.direction > 1) { /* there are three types and two directions */
             return false;
         }
         std::memcpy(to->ios[i].name, io.name, sizeof to->ios[i].name);
@@ -142,7 +142,7 @@ bool take_interpolator(const open_fri_Interpolator &from, Monitoring *to)
     to->command_mode = from.command_mode;
     to->overlay = from.overlay;
     to->tracking = from.tracking;
-    return from.command_mode <= 4 && from.overlay <= 2;
+    return from.command_mode <= 4 && from.overlay <= 2; /* the last values that FRI has */
 }
 
 /* Take a decoded message; false if it is another message, or a value is out of range. */

@@ -114,13 +114,14 @@ def test_an_equilibrium_for_each_configuration(host, robot, chain):
         given = [
             samples[a] if a.varying else g for a, g in zip(kernel.arguments, arguments(kernel, samples), strict=True)
         ]
-        assert given[1].shape == (37, 4, 4)
+        assert given[1].shape == (37, 4, 4)  # the equilibria
         results = (as_results(each) for each in (host(name, *given, spare=2), ufuncs[name](*given)))
         for found, expected in zip(*results, strict=True):
             for one, other in zip(found, expected, strict=True):
                 assert_close(one, other)
     kernel = springs["spring_energy"]
     q, K, out = np.zeros((7, 4)), np.eye(3), np.full((1, 4), NOTHING)
+    # count and stride of 4; three equilibria in columns are too few, and refused before anything is written
     assert host.launch(kernel, 4, 4, q, np.zeros((16, 3)), K, K, out) == 1
     assert (out == NOTHING).all()
     assert host.launch(kernel, 4, 4, q, np.zeros((16, 4)), K, K, out) == 0

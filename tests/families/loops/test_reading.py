@@ -176,7 +176,9 @@ def test_the_condition_is_that_of_the_worst_block(block, tmp_path):
 
 
 def test_where_loops_do_not_close_no_motor_has_a_gradient(tmp_path):
-    """Motors outside of the loops included."""
+    """Differentiate the closure at motors that close and do not: all finite, or none, motors outside of the loops
+    included.
+    """
     links = CRANK, COUPLER, ROCKER, bar("tool", "coupler", "0.1 0 0")
     chain = loaded(tmp_path, *links, loop=["coupler:0.2,0,0=rocker:0.1,0,0"], actuated=["rocker"], tip="tool")
     kernels = chain_kernels(chain, KernelOptions(derivatives=True))

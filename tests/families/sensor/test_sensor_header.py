@@ -99,7 +99,7 @@ def test_a_links_name_ends_no_comment(tmp_path):
 
 
 def test_covariance_at_the_tip(robot):
-    """Covariances of 20000 drawn readings."""
+    """Compare the covariance at the tip with that of 20000 drawn readings."""
     random, q = np.random.default_rng(0), np.array([0.3, -0.2])
     root = np.diag([0.5, 0.5, 1.0, 0.02, 0.02, 0.03]) @ (np.eye(6) + 0.3 * random.normal(size=(6, 6)))
     readings = random.normal(size=(20000, 6)) @ root.T

@@ -64,7 +64,7 @@ class Page:
         return self._browser.ask(method, parameters, self._session)
 
     def see(self, event: dict[str, Any]) -> None:
-        """Record what an event of the page reports."""
+        """Record what an event of the page reports, such as an error in its console."""
         method, data = event["method"], event.get("params", {})
         if method == "Runtime.exceptionThrown":
             details = data["exceptionDetails"]
@@ -109,7 +109,7 @@ class Page:
         self.do("Emulation.setEmulatedMedia", features=chosen)
 
     def press(self, key: str, times: int = 1, *, shift: bool = False) -> None:
-        """Press and release a key."""
+        """Press and release a key, some times, with or without shift."""
         code = _CODES.get(key, 0)
         for _ in range(times):
             for kind in ("rawKeyDown", "keyUp"):
@@ -211,7 +211,7 @@ def _moved_up(end: int) -> int:
 
 @contextmanager
 def chromium() -> Iterator[_Browser]:
-    """Start a browser with a temporary profile."""
+    """Start a browser with a temporary profile; it ends with the test."""
     program = require_chromium()
     with tempfile.TemporaryDirectory(prefix="stiffgen-browser-", ignore_cleanup_errors=True) as profile:
         browser = _Browser(program, profile)

@@ -116,7 +116,7 @@ def place_of_tip(page: Page) -> list[float]:
 
 
 def seen_tip(page: Page) -> tuple[float, float]:
-    """Where the tip is on the screen."""
+    """Return where the tip is on the screen [pixels]."""
     x, y = page.js(
         "(() => { const box = document.getElementById('arm').getBoundingClientRect();"
         " const [x, y] = playground.view.seen([3, 7, 11].map(k => playground.tips[0].pose(playground.state.q)[k]));"

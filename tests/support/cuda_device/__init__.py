@@ -89,7 +89,7 @@ class DeviceCheck:
                 file.write(np.ascontiguousarray(stack, dtype=self.number).tobytes())
 
     def _table(self) -> str:
-        """Return launches.cu."""
+        """Return the text of launches.cu: sizes of the arguments, and a record of each launch function."""
         number = "double" if self.number is np.float64 else "float"
         sizes = ", ".join(str(argument.array(self.chain).size) for argument in self.pool)
         rows = "\n".join(self._row(*launch) for launch in self.launches)
@@ -101,7 +101,7 @@ class DeviceCheck:
         )
 
     def _row(self, launch: str, kernel: Kernel, each: bool) -> str:
-        """Return the record of a launch function."""
+        """Return the record of a launch function: arguments, their strides, and its results."""
         given, passed = [], []
         for i, argument in enumerate(kernel.arguments):
             given.append(f"{{{self.pool.index(argument)}, {_kind(argument, each=each)}}}")

@@ -64,7 +64,7 @@ class Springs:
         return float(away @ self.translation @ away / 2 + rotational + self.joint / 2 * e @ e)
 
     def gradient(self, q: Array) -> Array:
-        """dU/dq [N m]."""
+        """Return dU/dq (n) [N m] at positions q (n)."""
         H = self.pose(q)
         A = H[:3, :3] @ self._G @ self.equilibrium[:3, :3].T
         moment = np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])

@@ -156,7 +156,7 @@ class Lowering:
             self.function.declare(Declaration(Declared.ZEROS, Array("nothing", (count,))))
 
     def _note_reads(self, program: Program) -> list[OnOperands]:
-        """Note in the records how arrays are read; return the steps that read operands."""
+        """Note in the storages how arrays are read, by joints or whole; return the steps that read operands."""
         maps = [step.whole() if isinstance(step, SparseSum) else step for step in program]
         on_operands = [step for step in maps if isinstance(step, OnOperands)]
         for operand in (operand for step in on_operands for operand in step.operands if operand.at):

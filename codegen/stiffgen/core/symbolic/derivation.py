@@ -90,7 +90,7 @@ def connection_coefficients(representation: Representation) -> Coefficients:
     for k in _BASIS:
         for i in _BASIS:
             for j in _BASIS:
-                # grad_{e_j} e_i: field i, direction j.
+                # grad_{e_j} e_i: field i, direction j; a rotation turns a translation's axis, and half of a rotation's.
                 if j in _ROTATIONS and i in _TRANSLATIONS:
                     value = c[k, j, i]
                 elif j in _ROTATIONS and i in _ROTATIONS:

@@ -79,6 +79,7 @@ def _is_own(argument: Argument) -> bool:
 
 def _thread_page(request: Request, code: VariantCode, kernel: Kernel, function: CFunction) -> ThreadPage:
     """Describe a kernel; a second CUDA kernel, NAME_each, is made where the first shares a matrix."""
+    # matrices that all configurations share in NAME, except those that may vary there, too, such as the equilibrium
     shared = [a for a in kernel.arguments if not _is_own(a)]
     varying = [a for a in shared if a.varying]
     launches = [_launch(request, kernel, function, kernel.qualified_name, varying)]
