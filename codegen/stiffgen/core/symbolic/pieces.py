@@ -103,7 +103,7 @@ def with_base_connection(
     if not chain.base_joints:
         return pairs(output)
     m = len(chain.joints)
-    serial, tau = Array("S", (m, m)), Array("tau", (m,))  # the second derivatives; the gradient that the connection takes
+    serial, tau = Array("S", (m, m)), Array("tau", (m,))  # second derivatives; gradient
     force = Map("tau_j: generalised force of joint j", Over.JOINTS, Operand(tau, "j"), operands, generalised_force)
     comment = "connection of the base: from rotations in series to a rotation about one axis"
     connection = SparseSum(comment, output, serial, (tau,), stiffness.base_connection)
