@@ -68,6 +68,7 @@ def build_module(folder: Path, name: str) -> None:
         module = folder / "python" / f"{name}_python{sysconfig.get_config_var('EXT_SUFFIX')}"
         link = [*command, *_link_options(), *of_module, "-o", str(module), *_libraries()]
         run_all([link, *wrapper_links], compiler[0], build)
+        # refuses flags in CFLAGS that changed the arithmetic, such as -ffast-math
         checked = [*(source.stem for source in kernel_sources(folder, name)), f"{name}_impedance"]
         _self_check([*command, *(objects[stem] for stem in checked if stem in objects)], folder, name, build)
 

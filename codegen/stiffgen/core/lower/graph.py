@@ -201,7 +201,7 @@ OWN = ("less", "at_most", "equal", "unequal", "both", "either", "where", "sign",
 def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
     """Return the operations of a function of one vector, and the numbers of those that give its outputs."""
     graph = Graph()
-    registers: dict[int, int] = {}
+    registers: dict[int, int] = {}  # number of the node in each of CasADi's registers, which it uses again
     outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)

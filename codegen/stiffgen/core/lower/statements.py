@@ -40,11 +40,11 @@ def statements(f: Lowering, step: StraightLine, storages: Sequence[Storage]) -> 
         define=sum(storage.array.size for storage in rows),
         wide_outputs=not f.variant.joint_lanes,
     )
-    reads = body.reads
+    reads = body.reads  # numbers of the inputs that the expressions need
     guards = [access for k, (_, access) in enumerate(inputs) if access.guard and k in reads]
     new = tuple(access for access in guards if access.guard not in defined)
     defined |= {body.poison, *(access.guard for access in new)}
-    unused = tuple(first for span, first in spans if reads.isdisjoint(span))
+    unused = tuple(first for span, first in spans if reads.isdisjoint(span))  # inputs that no expression reads
     return Statements(body, tuple(step.outputs), new, unused, rows, f.braces)
 
 

@@ -153,7 +153,7 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
         if k not in storage.zeros
     ]
     body = make_body(inputs, outputs, named_sections(named), wide_outputs=fills_rows or over.is_rows or not lanes)
-    is_first = fills_rows and not storage.filled
+    is_first = fills_rows and not storage.filled  # a later loop must keep what earlier ones stored in a row
     storage.filled |= fills_rows
     if not to_row:
         f.note_overflow([out.array], f.function.inputs)

@@ -176,7 +176,7 @@ def _base_joints(base: str, inertia: Inertia) -> list[Joint]:
     """Return the six joints of a floating base; the last one carries the base link and all links fixed to it."""
     joints = []
     for index in range(BASE_JOINTS):
-        x, y, z = (float(k == index % 3) for k in range(3))
+        x, y, z = (float(k == index % 3) for k in range(3))  # slides along x, y, z, then turns about them
         joints.append(
             Joint(
                 name=f"base, {('along', 'about')[index // 3]} {'xyz'[index % 3]}",

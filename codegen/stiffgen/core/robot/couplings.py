@@ -40,7 +40,7 @@ class Couplings:
             followers.append(element)
             element = self.description.joints[element.mimic.joint]
         coupling = self._known.setdefault(element.name, Mimic(element.name, 1.0, 0.0))
-        for follower in reversed(followers):
+        for follower in reversed(followers):  # q = m (m' q' + o') + o
             assert follower.mimic is not None
             coupling = Mimic(
                 coupling.joint,

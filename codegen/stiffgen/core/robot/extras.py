@@ -59,7 +59,7 @@ def rotor_inertias(robot: etree._Element, joints: Mapping[str, etree._Element]) 
             continue
         owner = rotor.getparent()
         gear = next((each for each in owner if _is_called(each, "gear_ratio")), None)
-        words = rotor.get("value"), "1" if gear is None else gear.get("value")
+        words = rotor.get("value"), "1" if gear is None else gear.get("value")  # J [kg m^2] and N as text
         names = [name for name in _joints_of(owner) if name in joints]
         reflected = _reflected(*words)
         if reflected == 0:

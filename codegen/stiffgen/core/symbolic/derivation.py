@@ -67,7 +67,7 @@ def structure_coefficients(representation: Representation) -> Coefficients:
     for i in _BASIS:
         for j in _BASIS:
             ei, ej = basis_matrix(i), basis_matrix(j)
-            bracket = _vee(ei * ej - ej * ei)
+            bracket = _vee(ei * ej - ej * ei)  # twist (6) of the commutator
             if representation == "spatial":
                 bracket = [-b for b in bracket]
             elif representation == "hybrid":
@@ -113,7 +113,7 @@ def _hybrid_from_body() -> Coefficients:
     body = connection_coefficients("body")
     gamma = [[[body[k, a, b] for b in _BASIS] for a in _BASIS] for k in _BASIS]
     for b in _ROTATIONS:
-        turn = basis_matrix(b)[:3, :3]
+        turn = basis_matrix(b)[:3, :3]  # [e_b]x
         for a in _BASIS:
             for i in range(3):
                 gamma[i + 3 * (a // 3)][a][b] += turn[a % 3, i]

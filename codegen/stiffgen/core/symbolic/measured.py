@@ -83,7 +83,7 @@ def measured_stiffness(
         raise StiffgenError(f"measured_stiffness: Km must have the shape (..., 6, 6), not {matrix.shape}")
     if F.shape[-1:] != (6,):
         raise StiffgenError(f"measured_stiffness: wrench must have the shape (..., 6), not {F.shape}")
-    gamma = np.zeros((*F.shape[:-1], 6, 6))
+    gamma = np.zeros((*F.shape[:-1], 6, 6))  # Gamma F: what the load adds to the matrix that is measured
     for i, j, k, coefficient in COEFFICIENTS[representation]:
         gamma[..., i, j] += coefficient * F[..., k]
     try:
@@ -93,7 +93,7 @@ def measured_stiffness(
             f"measured_stiffness: leading dimensions {matrix.shape[:-2]} of Km and {F.shape[:-1]} of wrench do not "
             "broadcast"
         ) from error
-    left = (without - np.swapaxes(without, -1, -2)) / 2
+    left = (without - np.swapaxes(without, -1, -2)) / 2  # zero, if sensor and pose are right
     moment = 2 * np.sqrt(left[..., 3, 4] ** 2 + left[..., 3, 5] ** 2 + left[..., 4, 5] ** 2)
     of_wrench = np.broadcast_to(np.linalg.norm(F[..., 3:], axis=-1), moment.shape)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -104,7 +104,7 @@ class StiffnessModel:
         table = chain_kernels(chain, options)
         reasons = absent_functions(table)
         for kernel in table:
-            owner: object = self
+            owner: object = self  # the group that has the function, made on the way
             for depth, name in enumerate(kernel.path, start=1):
                 if not hasattr(owner, name):
                     setattr(owner, name, Functions(".".join(kernel.path[:depth]), reasons))

@@ -175,7 +175,7 @@ def random_poses(to: Sampling) -> FloatArray:
     ]
     poses = np.zeros(to.size)
     poses[:, :3, :3] = np.array(rows).transpose(2, 0, 1)
-    poses[:, :3, 3] = to.random.normal(size=(to.count, 3)) * 0.2
+    poses[:, :3, 3] = to.random.normal(size=(to.count, 3)) * 0.2  # [m]
     poses[:, 3, 3] = 1
     return poses
 

@@ -46,7 +46,7 @@ def base_connection(generalised_force: ca.SX) -> ca.SX:
     gamma = gamma_F("body", generalised_force[:6])
     result = ca.SX(size, size)
     for i in range(6):
-        for j in range(i):
+        for j in range(i):  # below the diagonal
             if not gamma[i, j].is_zero():
                 result[i, j] = result[j, i] = -gamma[i, j]
     return result

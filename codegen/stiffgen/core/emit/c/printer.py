@@ -170,7 +170,7 @@ class Printer(Loops):
             *indented(printed.lines, 1),
             "}",
         ]
-        source = "sum"
+        source = "sum"  # the C array from which the results are copied
         if self.variant.joint_lanes:
             source = "total"
             lines += [
@@ -191,7 +191,7 @@ class Printer(Loops):
         """Return statements that give the sums from number ``first`` on to an array."""
         name, shape, size = storage.array.name, storage.array.shape, storage.array.size
         n = shape[0] if len(shape) == 2 and shape[0] == shape[1] else 0
-        upper = tuple(n * i + j for i in range(n) for j in range(i, n))
+        upper = tuple(n * i + j for i in range(n) for j in range(i, n))  # entries of a symmetric result
         if entries == upper and n > 2:
             return [self.called("put_upper", f"&{source}[{first}]", n, name)]
         if len(entries) == size == 1:

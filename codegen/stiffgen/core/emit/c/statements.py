@@ -107,6 +107,7 @@ class PrintedStatements:
             for number in sorted(self.uses)
             if self.graph.keys[number][0] in ("sin", "cos") and self.levels[number] == of_level + 1
         ]
+        # the joints' order, so that the angles of a chain stand in it as in q
         angles = sorted({int(self.graph.keys[number][1]) for number in used}, key=partial(_first_input, self.graph))
         if not angles:
             return
@@ -273,7 +274,7 @@ class PrintedStatements:
         """Return the C text of a node whose shared operands have names (:meth:`_prepare`), and its precedence."""
         if number in self.text:
             return self.text[number], _ATOM
-        self.inline.add(number)
+        self.inline.add(number)  # used once: printed where it is needed
         kind, a, b = self.graph.keys[number]
         if kind == "const":
             return self.variant.scalar.constant(float(a)), _ATOM

@@ -57,7 +57,7 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> l
     for argument, array, stack in zip(kernel.arguments, single, stacks, strict=True):
         for index in np.ndindex(array.shape):
             original = array[index]
-            array[index] = original + 0.1 * (1 + abs(original))
+            array[index] = original + 0.1 * (1 + abs(original))  # which results depend on this entry?
             depends = ~(np.abs(_flat(call(*single)) - clean) <= _DEPENDS * max(1.0, float(np.abs(clean).max())))
             for value in (np.nan, np.inf, -np.inf):
                 title = f"{value} in {argument.name}{list(index)}"
@@ -65,7 +65,7 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> l
                 if not _right(_flat(call(*single)), clean, depends):
                     faults.append(title)
                 trials += 1
-                place = (trials % STACK, *index)
+                place = (trials % STACK, *index)  # the next configuration of the stack
                 before = stack[place]
                 stack[place] = value
                 found = [np.array(each) for each in as_results(call(*stacks))]

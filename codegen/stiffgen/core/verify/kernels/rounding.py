@@ -244,7 +244,7 @@ def run(
         KeyError: an operation is not among ``operations``.
 
     """
-    work: dict[int, Any] = {}
+    work: dict[int, Any] = {}  # numbers by CasADi's register
     results = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
         operation, taken, into = (
