@@ -120,10 +120,12 @@ typedef struct {
     double asked; /* [s] mean way that a call asks for. */
     double got; /* [s] mean way that a call gains. */
     double push; /* [1] share of full speed. */
+    double least; /* [s] least way, which the tips must undercut. */
     double interval; /* [s] time from pose to pose of a coarse stream; 0: none. */
     int age; /* [calls] age of the poses. */
     int period; /* [calls] from pose to pose of a fine stream; 0: none. */
     int stuck; /* [calls] without progress. */
+    int idle; /* [calls] for which the tips came no nearer. */
     int by_joints; /* 1: on the way to the posture. */
     int ready; /* mark that init wrote the state. */
 } iiwa14_follow_state;

@@ -160,7 +160,7 @@ def main() -> int:
     parser.add_argument("--legs", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    bad = 0
+    total = dict.fromkeys(COUNTS, 0)
     print("| arm | " + " | ".join(COUNTS) + " |\n|---|" + "---|" * len(COUNTS))
     with tempfile.TemporaryDirectory() as made:
         folder, files = Path(made), [tuple(robot.partition(":")[::2]) for robot in options.robots]
@@ -176,8 +176,9 @@ def main() -> int:
             arm = Arm(Path(file), tip or None, name, folder)
             counts = survey(arm, options.legs, np.random.default_rng([options.seed, k, 1]))
             print(f"| {name}, {arm.n} joints | " + " | ".join(map(str, counts.values())) + " |", flush=True)
-            bad += sum(counts[name] for name in ("silent", "not led", "beyond", "too fast"))
-    return 1 if bad else 0
+            total = {each: total[each] + counts[each] for each in COUNTS}
+    print(f"| all {len(files)} arms | " + " | ".join(map(str, total.values())) + " |")
+    return 1 if any(total[each] for each in ("silent", "not led", "beyond", "too fast")) else 0
 
 
 if __name__ == "__main__":

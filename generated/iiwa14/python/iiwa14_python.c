@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "9a3043a0e2c3ac1d"
+#define SOURCES "8491cebbaf407044"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2811,10 +2811,12 @@ static const field fields[] = {
     {"follow_state", "asked", "f8", offsetof(follow_state_t, asked), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "got", "f8", offsetof(follow_state_t, got), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "push", "f8", offsetof(follow_state_t, push), 0, {1, 1, 1}, 0, "1", ""},
+    {"follow_state", "least", "f8", offsetof(follow_state_t, least), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "interval", "f8", offsetof(follow_state_t, interval), 0, {1, 1, 1}, 0, "s", ""},
     {"follow_state", "age", "i4", offsetof(follow_state_t, age), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "period", "i4", offsetof(follow_state_t, period), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "stuck", "i4", offsetof(follow_state_t, stuck), 0, {1, 1, 1}, 0, "calls", ""},
+    {"follow_state", "idle", "i4", offsetof(follow_state_t, idle), 0, {1, 1, 1}, 0, "calls", ""},
     {"follow_state", "by_joints", "i4", offsetof(follow_state_t, by_joints), 0, {1, 1, 1}, 0, "", ""},
     {"follow_state", "ready", "i4", offsetof(follow_state_t, ready), 0, {1, 1, 1}, 0, "", ""},
     {"policy_state", "now", "f8", offsetof(policy_state_t, now), 0, {1, 1, 1}, 0, "s", ""},

@@ -7,7 +7,7 @@ static const double SIDE = 0.003;    /* [m] below which the posture says on whic
 static const double NEARBY = 0.05;   /* [rad] up to which the posture is too near to say so */
 static const double RATE = 20.0;     /* [1/s] at which the margin is reached */
 static const double AHEAD = 1e-4;    /* [rad] of the difference that tells how the tips' motion bends */
-static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist's singular posture */
+static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist; from twice on, all */
 
 /* Improve the joints' motion v (norm 1) that moves the tips least, by an inverse iteration on the shorter side of J. */
 static void find_weakest(const double *J, double *weakest, double *v)
@@ -61,17 +61,15 @@ void keep_margin(state_t *s, const step_t *k, double *velocity)
     const double *const u = norm(ROWS, here) > norm(ROWS, ahead) ? here : ahead;
     double value = dot(ROWS, u, here) / norm(ROWS, u), goal = dot(ROWS, u, k->rest) / norm(ROWS, u);
     double bend = (dot(ROWS, u, ahead) / norm(ROWS, u) - value) / AHEAD;
-    if (fabs(bend) < FLAT) {
-        return;
-    }
     const int unclear = fabs(value) < SIDE && fabs(toward) > NEARBY;
     const double side = (unclear ? toward : value * bend) < 0.0 ? -1.0 : 1.0; /* of v */
     value *= side * copysign(1.0, bend);
     goal *= copysign(1.0, bend);
-    bend = fabs(bend);
+    bend = larger(fabs(bend), DBL_EPSILON);
     const double inside = goal + value * value / (2.0 * bend);
-    const double push = RATE * (MARGIN - value) / bend - side * dot(N, v, velocity);
-    const int bound = inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN);
+    const double margin = MARGIN * smaller(bend / FLAT - 1.0, 1.0), rate = RATE * s->push;
+    const double push = rate * (margin - value) / bend - side * dot(N, v, velocity);
+    const int bound = bend > FLAT && (inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN));
     for (int i = 0; i < N && push > 0.0 && bound; ++i) {
         velocity[i] = clamp(velocity[i] + side * push * v[i], k->low[i], k->high[i]);
     }

@@ -6,6 +6,8 @@ static const double STUCK_TIME = 0.3;   /* [s] without progress after which the 
 static const double MEAN_TIME = 0.1;    /* [s] of the means that progress is told by */
 static const double PROGRESS = 0.1;     /* share of the asked velocity below which there is none */
 static const double FREED = 0.5;        /* share of the asked way above which they move freely */
+static const double PATIENCE = 5.0, NEARER[2] = {0.01, 0.02}; /* [s] in which the least way falls by a share, or [s] */
+static const double OTHER = 0.05;       /* [rad] of a joint from which a posture is another, which may lead on */
 static const double LEAST_PUSH = 0.02;  /* share of full speed to a goal that stands still out of reach */
 static const double LAG = 0.25;         /* least weight of rotations along a motion that turns */
 static const double SLIP = 0.02;        /* [m] of a tip off its place from which rotations have their whole weight */
@@ -18,10 +20,7 @@ static const double FREE = 0.5;         /* share of its velocity limit up to whi
 static const double AT_REST = 1e-4;     /* share of its velocity limit up to which a joint rests */
 static const double SAME = 1e-9;        /* [s] at full speed between poses that are the same */
 
-/*
- * Return the largest share of full speed from which a ramp of this slope stops within a way [s]; below half of it the
- * stop is exponential: an abrupt end of the braking throws the arm beyond the goal (6 mm for 2).
- */
+/* Return the share of full speed that stops within a way [s]: by a ramp, the end exponential, or the arm overshoots. */
 double stopping_speed(double way, double slope, double T)
 {
     const double settling = 0.5 * T / slope; /* [s] */
@@ -29,9 +28,10 @@ double stopping_speed(double way, double slope, double T)
     return smaller(way / T, speed);
 }
 
-static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME; }
+static int is_idle(const state_t *s) { return s->idle * s->config.sample_time > PATIENCE; }
+static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME || is_idle(s); }
 
-/* Note how much of the asked way the tips went; after a while without progress short of the goal they are stuck. */
+/* Note how much of the asked way the tips went: without progress they are stuck; if they come no nearer, q0 rests. */
 static void watch_progress(state_t *s, double way)
 {
     const double T = s->config.sample_time, share = smaller(T / MEAN_TIME, 1.0);
@@ -39,8 +39,12 @@ static void watch_progress(state_t *s, double way)
     s->got += share * (s->way - way - s->got);
     const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
     s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
-    const double more = free ? share : 0.0;
-    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), LEAST_PUSH, 1.0);
+    const int nearer = s->by_joints || way < s->least - smaller(NEARER[0] * s->least, NEARER[1]);
+    const int away = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s));
+    s->idle = nearer && s->least > ARRIVED && !s->by_joints ? 0 : s->idle + (s->by_joints ? 0 : away);
+    s->least = nearer ? way : s->least;
+    const double more = free || way < ARRIVED ? share : 0.0;
+    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
 }
 
 /* Return OK for a pose, of which `clean` is the copy, or what is wrong. */
@@ -70,16 +74,17 @@ static int take_command(state_t *s, const input_t *input, double *goal)
         return result != ID(FOLLOW_OK) ? result : ID(FOLLOW_E_POSTURE);
     }
     for (int i = 0; i < N; ++i) {
-        const double margin = c->limit_distance[i];
+        const double margin = c->limit_distance[i], last = s->posture[i];
         s->posture[i] = clamp(input->posture[i], c->lower_limit[i] + margin, c->upper_limit[i] - margin);
+        if (is_idle(s) && fabs(s->posture[i] - last) > OTHER) {
+            s->stuck = s->idle = 0;
+            s->push = 1.0;
+        }
     }
     return result;
 }
 
-/*
- * See whether the goal belongs to a motion, a fine stream with a velocity, or to a coarse stream, which is smoothed.
- * Return whether it is a new one.
- */
+/* Return whether the goal is new; of a motion, a fine stream, it has a velocity, of a coarse stream it is smoothed. */
 static int take_goal(state_t *s, const double *goal)
 {
     double moved[ROWS] = {0.0};
@@ -92,6 +97,8 @@ static int take_goal(state_t *s, const double *goal)
     if (way > SAME) {
         s->interval = fine || time > COARSE_TIME ? 0.0 : time;
         s->stuck = fine || s->interval > 0.0 ? s->stuck : 0;
+        s->idle = fine || s->interval > 0.0 ? s->idle : 0;
+        s->least += way; /* a stream that moves makes progress */
         s->period = fine ? s->age : 0;
         s->age = 0;
         s->push = 1.0;
@@ -100,8 +107,7 @@ static int take_goal(state_t *s, const double *goal)
         s->period = 0;
     }
     for (int r = 0; r < ROWS; ++r) {
-        const double old = s->period > 0 ? s->stream[r] : 0.0;
-        s->stream[r] = way > SAME && fine ? moved[r] / time : old;
+        s->stream[r] = way > SAME && fine ? moved[r] / time : (s->period > 0 ? s->stream[r] : 0.0);
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
     return way > SAME;
@@ -153,11 +159,11 @@ static void bound_each_joint(const state_t *s, step_t *k)
     }
 }
 
-/* Return whether to go to the posture by joints: the tips are stuck, or were, and the posture has them at the goal. */
-static int takes_posture(const state_t *s, const step_t *k)
+/* Return whether to go a way by joints to the posture: the tips are stuck, or were, and it has them at the goal. */
+static int takes_posture(const state_t *s, const step_t *k, const double *way)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (!(s->by_joints || is_stuck(s)) || way_of(&s->config, k->rest) < ARRIVED) {
+    if (s->by_joints ? norm(N, way) < AT_REST : !is_stuck(s) || s->way < ARRIVED) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
@@ -208,7 +214,9 @@ static void go_by_line(state_t *s, step_t *k, double *velocity)
     }
     for (int i = 0; i < N; ++i) {
         const double most = FREE * s->config.velocity_limit[i];
-        velocity[i] = clamp(clamp(velocity[i] / POSTURE_TIME, -most, most), k->low[i], k->high[i]);
+        const double pull = s->push * clamp(velocity[i] / POSTURE_TIME, -most, most);
+        const double loss = s->config.sample_time / POSTURE_TIME * s->dq[i]; /* without it the ramps swing for ever */
+        velocity[i] = clamp(pull, k->low[i] - loss, k->high[i] - loss);
     }
     solve_bounded(J, twist, k->low, k->high, velocity);
     keep_margin(s, k, velocity);
@@ -227,7 +235,7 @@ static void report(const state_t *s, const step_t *k, int result, output_t *out)
     }
     memcpy(out->q0, s->q, sizeof out->q0);
     memcpy(out->dq0, s->dq, sizeof out->dq0);
-    const int unreachable = is_stuck(s) && !s->by_joints;
+    const int unreachable = is_stuck(s) && !s->by_joints && s->way > ARRIVED;
     const int bits[5] = {moving, s->interval > 0.0, s->by_joints, unreachable, result != ID(FOLLOW_OK)};
     for (int b = 0; b < 5; ++b) {
         out->status |= bits[b] ? 1u << b : 0u;
@@ -274,7 +282,7 @@ int follow(state_t *s, const input_t *input, output_t *out)
     for (int i = 0; i < N; ++i) {
         velocity[i] = s->posture[i] - s->q[i];
     }
-    s->by_joints = takes_posture(s, &k);
+    s->by_joints = takes_posture(s, &k, velocity);
     (s->by_joints ? move_to_posture : go_by_line)(s, &k, velocity);
     for (int i = 0; i < N; ++i) {
         s->dq[i] = velocity[i];

@@ -13,10 +13,7 @@
 enum { ROWS = 6 * TIPS, WIDE = (int)N > ROWS, SHORT = WIDE ? ROWS : (int)N, LONG = WIDE ? (int)N : ROWS };
 enum { READY = 0x51f0110, LONGEST = 1000000 }; /* mark of init; calls at which a counter stands still */
 
-/*
- * What one call works with. Twists, of all tips and linear first in hybrid axes, have their rotations multiplied by
- * RADIAN, and so has the Jacobian J.
- */
+/* Data of one call. Twists, of all tips and linear first in hybrid axes, and J have rotations multiplied by RADIAN. */
 typedef struct {
     const double *tool;     /* poses of tools, or NULL */
     double rest[ROWS];      /* [m] twists from here to the goal */
@@ -31,11 +28,8 @@ void weighed_jacobian(const double *q, const double *tool, double *J);
 void multiply(const double *J, const double *velocity, double *twists);
 double full_speed(const config_t *c, int r);
 double way_of(const config_t *c, const double *twists);
-
 void solve_bounded(const double *J, const double *twists, const double *low, const double *high, double *velocity);
-
 void keep_margin(state_t *s, const step_t *k, double *velocity);
-
 double stopping_speed(double way, double slope, double T);
 int start(const config_t *c, state_t *s, const double *q);
 int follow(state_t *s, const input_t *input, output_t *out);

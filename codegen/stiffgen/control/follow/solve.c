@@ -3,8 +3,7 @@
 
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
 static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
-enum { PASSES = (int)N + 3 };       /* that fix or free a joint */
-enum { ROUNDS = 3 }; /* of refinement: the share (damping / (damping + singular value^2))^ROUNDS of a twist is lost */
+enum { PASSES = (int)N + 3, ROUNDS = 3 }; /* that fix or free joints; that lose (DAMPING / (DAMPING + s^2))^ROUNDS */
 
 /* Add the products of a joint's column to A, the lower triangle of J J^T, times a share. */
 static void add_column(const double *J, int joint, double share, double *A)
@@ -45,9 +44,8 @@ static void move_free(const double *J, const double *A, const double *twists, co
 }
 
 /*
- * Choose the joint that changes sides: the one farthest beyond its bound, which is then fixed there; without one, the
- * fixed joint that helps the tips most when it leaves its bound. sides: 1 and -1 for joints at their upper and lower
- * bounds, 0 free, 2 freed for good. Return -1 for none.
+ * Choose the joint that changes sides: the one farthest beyond its bound, else the fixed one that helps the tips most
+ * when it leaves its bound; -1: none. sides: 1 and -1 at upper and lower bounds, 0 free, 2 freed for good.
  */
 static int choose(const double *J, const double *lack, const double *low, const double *high, const int *sides,
     const double *velocity)
@@ -70,10 +68,9 @@ static int choose(const double *J, const double *lack, const double *low, const 
 }
 
 /*
- * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint that would be faster
- * than it may, or would leave its range, is fixed at its bound, worst first, and freed once if that helps. (To slow all
- * joints keeps the line, but near singular postures the tip then hardly moves.) Each call begins with all joints free:
- * one fixed by the last call stays at its bound as long as others can do its part, and the arm swings about the goal.
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint beyond its bounds is
+ * fixed there, worst first, and freed once if that helps (slowing all joints keeps the line, but near a singular
+ * posture the tip hardly moves. A joint kept fixed from call to call stays so while others do its part: the arm swings)
  */
 void solve_bounded(const double *J, const double *twists, const double *low, const double *high, double *velocity)
 {
