@@ -338,7 +338,7 @@ def test_clock_that_was_set_costs_no_cycles(open_programs: Programs, tmp_path: P
     script = open_programs.script()
     script.begin()
     script.add(COMMANDING_ACTIVE, 5)
-    script.clock += 3600 * 10**9
+    script.clock += 3600 * 10**9  # [ns]
     script.add(COMMANDING_ACTIVE, 5)
     script.clock -= 7200 * 10**9
     script.add(COMMANDING_ACTIVE, 5)

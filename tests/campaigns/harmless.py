@@ -39,6 +39,7 @@ def session(arm: Arm, random: np.random.Generator) -> np.ndarray:
     delay = int(random.integers(0, 2 if flexible else 3))
     way = random.uniform(-0.25, 0.25, arm.n)
     rise = 1.0 if random.random() < 0.5 else np.clip((np.arange(SAMPLES)[:, None] - 200) / 1200, 0, 1)
+    # 0.2 s of rest, then a jump or a ramp of 1.2 s
     goal = arm.posture + np.where(np.arange(SAMPLES)[:, None] >= 200, rise * way, 0.0)
     load, payload = np.zeros((SAMPLES, 6)), np.zeros(SAMPLES)
     if random.random() < 0.4:

@@ -137,7 +137,7 @@ def test_gradients_through_the_bases_pose(walker, double):
     Kt, Ko = np.stack(2 * [np.diag([300.0, 200, 400])]), np.stack(2 * [np.diag([20.0, 10, 30])])
 
     def loss(x, q):
-        v, (a, b, c) = x[:3], x[3:]
+        v, (a, b, c) = x[:3], x[3:]  # the base's pose from six free numbers
         turn = jnp.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
         pose = jnp.block([[jax.scipy.linalg.expm(turn), v[:, None]], [jnp.array([[0.0, 0, 0, 1]])]])
         stiffness = functions.spring.joint_stiffness_total(pose, q, equilibria, Kt, Ko)

@@ -62,7 +62,9 @@ def moves(arm: Arm, random: np.random.Generator, start: np.ndarray, share: float
 
 
 def episode(arm: Arm, random: np.random.Generator, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Draw an episode: fields of the plant, and inputs."""
+    """Draw an episode of samples of 1 ms: fields of the plant, and inputs (goal, load [N, N m], payload [kg],
+    springs).
+    """
     start = arm.posture + random.uniform(-0.3, 0.3, arm.n)
     goal = moves(arm, random, start)
     load, payload, plant = np.zeros((SAMPLES, 6)), np.zeros(SAMPLES), {}
@@ -72,7 +74,7 @@ def episode(arm: Arm, random: np.random.Generator, kind: str) -> tuple[dict[str,
         at = int(random.integers(500, 5000))
         load[at : at + int(random.integers(300, 2500)), :3] = random.uniform(10, 40) * direction
     elif kind == "bump":
-        for at in random.integers(500, 7500, 4):
+        for at in random.integers(500, 7500, 4):  # four bumps of 80 N for 30 ms
             load[at : at + 30, :3] = 80 * direction
     elif kind == "payload":
         payload[int(random.integers(500, 4000)) :] = random.uniform(0.2, 1.0 if arm.name == "j2s6s200" else 2.0)
@@ -81,7 +83,7 @@ def episode(arm: Arm, random: np.random.Generator, kind: str) -> tuple[dict[str,
         away = tips - tips[0]
         far = int(np.argmax(np.linalg.norm(away, axis=1)))
         plant = {"wall_point": tips[0] + 0.6 * away[far], "wall_normal": -away[far] / np.linalg.norm(away[far]),
-                 "wall_stiffness": 10 ** random.uniform(4, 5.5)}  # fmt: skip
+                 "wall_stiffness": 10 ** random.uniform(4, 5.5)}  # [N/m]  # fmt: skip
     lost = np.where(random.random(SAMPLES) < 1e-3, LOST, 0)
     inputs = {"goal": goal, "load": load, "payload": payload, "sensor": lost, "start": start,
               "translation": random.uniform(200, 1500), "rotation": random.uniform(10, 60)}  # fmt: skip

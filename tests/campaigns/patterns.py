@@ -193,7 +193,7 @@ def carried(random: Random, loop: Loop) -> Schedule:
     """Draw an arm that is held away from where it is wanted; after a start anew it is carried along its torque."""
     made, period = _base(random, loop), int(random.integers(300, 900))
     made.parts[0] |= springs(random, loop, 30, 3)
-    slow = 10 * loop.effort * 10 ** random.uniform(-1.5, 0)
+    slow = 10 * loop.effort * 10 ** random.uniform(-1.5, 0)  # [N m/s]
     made.config |= {"tank_initial": float(10 ** random.uniform(-1.5, 0)), "torque_rate_limit": slow}
     made.changes = [_limits(random, loop) for _ in range(random.integers(1, 4))]
     held = loop.home + random.uniform(-0.4, 0.4, loop.n)
@@ -221,7 +221,7 @@ def drained(random: Random, loop: Loop) -> Schedule:
     fast = loop.velocity * random.choice([0.1, 0.5, 0.9999])
     along = {"driven": 3, "driven_to": fast, "driven_by": np.full(loop.n, 10 ** random.uniform(2, 7))}
     away = loop.home + random.uniform(-0.5, 0.5, loop.n)
-    loses = {"missed": int(random.integers(0, 2)), "skip": int(random.integers(0, 6))}
+    loses = {"missed": int(random.integers(0, 2)), "skip": int(random.integers(0, 6))}  # samples; calls
     for start in range(int(random.integers(1, 200)), SAMPLES - lap + 1, lap):
         freed = start + round(lap * random.uniform(0.3, 0.8))
         made.parts += [
@@ -241,7 +241,7 @@ def turns(random: Random, loop: Loop) -> Schedule:
     made = _base(random, loop)
     joint = int(random.choice(np.flatnonzero(~np.isfinite(loop.upper))))
     speed = loop.velocity * random.uniform(7, 40) / loop.velocity[joint]
-    gap = round(1e3 * random.uniform(1.3, 1.97) * np.pi / speed[joint])
+    gap = round(1e3 * random.uniform(1.3, 1.97) * np.pi / speed[joint])  # [ms] for more than half a turn
     made.config |= {"missed_limit": 100, "velocity_limit": speed, "call_gap_limit": 1}
     made.config |= {"tank_initial": float(10 ** random.uniform(-1, 0.6))}
     made.episode |= {"wrapped": sum(2**i for i in range(loop.n) if not np.isfinite(loop.upper[i])), "early": 0.0}

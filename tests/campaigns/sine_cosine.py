@@ -103,7 +103,7 @@ def measure(points: int) -> None:
     """Print the largest errors [ulp] of the generated sine and cosine, over random angles of four kinds."""
     random = np.random.default_rng(0)
     eighth = points // 4 // 8 * 8
-    near = random.integers(-12732, 12733, eighth) * (np.pi / 4)
+    near = random.integers(-12732, 12733, eighth) * (np.pi / 4)  # up to 1e4
     near += random.integers(-30, 31, eighth) * np.spacing(near)
     kinds = {
         "|x| <= 1e4": random.uniform(-1e4, 1e4, eighth),

@@ -161,11 +161,12 @@ def test_a_python_layer_that_counts_calls_is_found(compiled: Loop, robot: Module
 
 @pytest.mark.slow
 def test_a_raised_velocity_limit_leaves_the_tank_room(five_bar: Loop) -> None:
-    """Springs that give way under the raised limit keep their energy in the account: a full tank lost it before."""
+    """Let springs give way under a raised limit: their energy stays in the account; a full tank lost it before."""
     stiff = np.diag([1000.0, 700.0, 100.0])[None]
     slow = {"call_gap_limit": 11, "velocity_limit": np.full(2, 1.6)}
     small = {"tank_initial": 0.66, "missed_limit": 1, "torque_rate_limit": np.full(2, 147.0)}
     carried = {"driven": 3, "driven_to": np.array([3.9, 3.9]), "driven_by": np.full(2, 1e7)}
+    # the schedule as a campaign found it, in samples of 1 ms
     parts: list[dict[str, Any]] = [
         {},
         {"start": 392, "translation": stiff},

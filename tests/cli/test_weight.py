@@ -69,9 +69,7 @@ def test_a_generated_robot_needs_numpy_alone(robot_folder) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kilobytes", [150_000, 200_000, 250_000, 350_000, 500_000, 700_000, 1_000_000])
 def test_a_limit_of_memory_is_refused_in_one_sentence(kilobytes: int) -> None:
-    """Limit the memory as ``ulimit -v`` does: refused in one line; OpenBLAS would abort or hang below some 400 000
-    kB.
-    """
+    """Limit the memory as ``ulimit -v`` does: refused in one line; OpenBLAS would abort or hang below 400 MB."""
     limit, command = kilobytes << 10, [sys.executable, "-m", "stiffgen", "inspect", str(URDF)]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=60, check=False,

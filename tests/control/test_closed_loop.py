@@ -86,7 +86,7 @@ def test_the_tip_is_clamped(loop: Loop) -> None:
 @pytest.mark.parametrize("size", [0.5, 1.0, 1.5])
 @pytest.mark.parametrize("when", [0, 500])
 def test_far_from_the_wanted_posture(loop: Loop, size: float, when: int) -> None:
-    """A start away from q0, and a q0 that jumps: the equilibrium goes there within its limits, the arm with it.
+    """Start away from q0, or let q0 jump: the equilibrium goes there within its limits, the arm with it.
 
     Before: at the start 1.08, 1.82, 2.37 times the velocity limit, with a jump of 1 rad 4.72 times, 20 J and the joint
     limits.
@@ -106,11 +106,11 @@ def test_far_from_the_wanted_posture(loop: Loop, size: float, when: int) -> None
 
 
 def test_a_planner_with_gaps(loop: Loop) -> None:
-    """A moving q0 that stands for 0.2 s and goes on where it would have been: no jolt, no fault.
+    """Move q0, let it stand for 0.2 s and go on where it would have been: no jolt, no fault.
 
     Before: a jump of q0 by 0.1 rad at once, with the torque at its rate limit.
     """
-    rate = np.array([0.3, -0.3, 0.3, 0.3, -0.4, 0.3, 0.4])
+    rate = np.array([0.3, -0.3, 0.3, 0.3, -0.4, 0.3, 0.4])  # [rad/s]
     parts = loop.segments(
         {},
         {"start": 500, "wanted_rate": rate},
@@ -122,9 +122,9 @@ def test_a_planner_with_gaps(loop: Loop) -> None:
     summary = loop.run(6000, parts, configs=settings)
     assert_contract(summary)
     assert summary.faults == 0
-    assert summary.torque_step < 0.5
+    assert summary.torque_step < 0.5  # [N m] from sample to sample
     assert summary.reference_speed <= SPEED + 1e-9
-    assert summary.error < 0.01
+    assert summary.error < 0.01  # [rad] at the end
 
 
 # ---- low limits ----
@@ -181,14 +181,14 @@ def test_a_reset_forgets_what_was_missed(loop: Loop) -> None:
 
 @pytest.mark.parametrize("resets", [0, 1])
 def test_fault_cycle(loop: Loop, resets: int) -> None:
-    """Control is lost, the arm moved away, a reset, held on the way back and let go; twelve laps.
+    """Lose control, move the arm away, reset, hold it on the way back and let go, for twelve laps: nothing is gained.
 
     Before (with its automatic return): 50 J put out a lap, 603 J after twelve, the tank full and no deficit.
     """
     parts: list[dict[str, Any]] = [{}]
     away = Q0 + np.array([0, 0.6, 0, -0.6, 0, 0, 0])
     for lap in range(12):
-        start = 1000 + 4000 * lap
+        start = 1000 + 4000 * lap  # [ms]
         parts += [
             {"start": start, "missed": 1, "hand_stiffness": 500.0, "hand_damping": 50.0, "hand_target": away},
             {"start": start + 1000, "missed": 0, "reset": 0, "hand_stiffness": 200.0, "hand_damping": 20.0},
@@ -331,7 +331,7 @@ def test_beyond_a_joint_limit(loop: Loop) -> None:
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
 @pytest.mark.parametrize("motor", [0.0, MOTOR])
 def test_delay_and_differenced_velocity(loop: Loop, delay: int, motor: float) -> None:
-    """A push for 0.1 s, velocity by differences of an encoder: comes to rest, declared delay or not at 0.1 kg m^2.
+    """Push for 0.1 s, velocity by differences of an encoder: it comes to rest, delay declared, or not at 0.1 kg m^2.
 
     Without motors, five samples of delay leave 6 % of the stiffness: the arm then takes 9 s.
 

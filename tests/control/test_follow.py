@@ -273,7 +273,7 @@ def test_two_tips_with_tools_reach_their_poses_together(once: Once) -> None:
         follow.step(pose=poses)
     with pytest.raises(ValueError, match="tool_pose"):
         follow.step(pose=poses, tool_pose=tools * 1.1)
-    path, _ = follow.run(pose=np.repeat(poses[None], 3000, axis=0), tool_pose=tools)
+    path, _ = follow.run(pose=np.repeat(poses[None], 3000, axis=0), tool_pose=tools)  # 3 s
     assert follow.error.shape == (2, 2) and follow.error.max() < 1e-5
     for tip, tool, pose in zip(tips, tools, poses, strict=True):
         np.testing.assert_allclose(tip.forward_kinematics(path[-1], tool_pose=tool), pose, atol=1e-5)

@@ -125,14 +125,14 @@ def test_frames_and_units_are_mujocos(make: Any) -> None:
 
 
 def test_late_is_held_stale_fades_and_comes_back(make: Any) -> None:
-    """Pose and stiffness are held for 0.2 s and fade within 0.4 s to a tenth; stale actions are refused."""
+    """Be late: pose and stiffness are held for 0.2 s and fade within 0.4 s to a tenth; stale actions are refused."""
     arm = make(variable_stiffness=True, validity=0.2, fade_time=0.4)
     action = _pose(arm) | {"stiffness.translation": 500.0, "stiffness.rotation": 25.0}
     assert arm.send_action(action) != action, "the stiffness rises from 0"
     for _ in range(3):
         sent = arm.send_action(action)
     assert sent == pytest.approx(action, abs=1e-6)
-    arm.loop.advance(0.14)
+    arm.loop.advance(0.14)  # [s] after the last action, within its validity
     assert arm.loop.port.stage["pose"].name == "HOLDING" and arm.loop.in_force[1:] == pytest.approx((500.0, 25.0))
     arm.loop.advance(0.2)
     assert arm.loop.port.stage["pose"].name == "FADING" and 50.0 < arm.loop.in_force[1] < 500.0

@@ -83,7 +83,7 @@ def limited_springs_are_those_of_the_kernels(robot: GeneratedRobot) -> None:
     tools[0, :3, 3], tools[1, :3, :3] = (0.1, -0.05, 0.2), np.diag([-1.0, -1.0, 1.0])
     controller = module.Impedance(**STATED, **WIDE, spring_limit=limits, tool_pose=tools, position_quantum=1e-5)
     for counter in range(300):
-        share = np.clip((counter - 50) / 200, 0.0, 1.0)
+        share = np.clip((counter - 50) / 200, 0.0, 1.0)  # the arm is moved within 0.2 s
         at = {"q": Q + share * (off - Q), "dq": (off - Q) / 0.2 if 0 < share < 1 else np.zeros(5)}
         out = controller.step(counter=counter, **at, q0=Q, posture_stiffness=0.0, **stiff(400.0, 2, 3))
     left, right = module.left_hand.forward_kinematics(Q, tools[0]), module.right_hand.forward_kinematics(Q, tools[1])
@@ -135,7 +135,7 @@ def test_each_hand_counts_for_the_heaviest_wrench_and_the_purse(
     way: tuple[float, ...], heavier: int, dual: GeneratedRobot
 ) -> None:
     """Pull on one hand: the reference moves as far as the heavier springs may pull, and each joule is supplied."""
-    module, heaviest = dual.module, (20.0, 5.0)
+    module, heaviest = dual.module, (20.0, 5.0)  # [N], [N m] to which the reference is held
     controller = module.Impedance(
         **STATED | {"heaviest_wrench": heaviest}, **WIDE, position_quantum=1e-5, tank_initial=1e3
     )
@@ -146,7 +146,7 @@ def test_each_hand_counts_for_the_heaviest_wrench_and_the_purse(
     middle, K = a.copy(), (400.0 * np.eye(3), 20.0 * np.eye(3))
     middle[:3, 3] = (a[:3, 3] + b[:3, 3]) / 2
     wrenches = np.reshape(module.bimanual.wrench(Q, middle, np.linalg.inv(a) @ b, *K, *K), (2, 2, 3))
-    loads = np.linalg.norm(np.linalg.norm(wrenches, axis=2) / heaviest, axis=1)
+    loads = np.linalg.norm(np.linalg.norm(wrenches, axis=2) / heaviest, axis=1)  # share of each hand
     assert 0.999 < loads[heavier] <= 1.0 and loads[1 - heavier] < 0.9
     assert out.energy_supplied - 1e3 == pytest.approx(out.stored, rel=1e-9) and out.stored > 0.1
 

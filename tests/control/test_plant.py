@@ -54,8 +54,8 @@ def test_statics(loop: Loop) -> None:
     q = Q0 + RANDOM.uniform(-0.6, 0.6, 7)
     differences = [(springs.energy(q + d) - springs.energy(q - d)) / 2e-6 for d in 1e-6 * np.eye(7)]
     assert np.abs(springs.gradient(q) - differences).max() < 1e-6
-    load = np.array([10.0, -5, -20, 1, 2, -1])
+    load = np.array([10.0, -5, -20, 1, 2, -1])  # [N], [N m]
     found = springs.rest(load, np.zeros(7))
     assert found is not None
     assert np.abs(springs.gradient(found[0]) - loop.jacobian(found[0]).T @ load).max() < 1e-9
-    assert np.abs(found[0] - Q0).max() > 0.01
+    assert np.abs(found[0] - Q0).max() > 0.01  # [rad] it gives way

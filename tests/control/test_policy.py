@@ -192,9 +192,10 @@ def test_noisy_poses_are_smoothed_behind_the_port(robot: ModuleType) -> None:
         passed.append(port.command(1e-3 * k).pose)
     tips, share = _tips(robot, np.array(passed)), np.linspace(0.0, 1.0, steps, endpoint=False)[:, None, None]
     lines = [_between(before, after, share) for before, after in zip([poses[0], *poses], poses, strict=False)]
+    # [m/s^2]
     assert _acceleration(tips) < 1.6 < _acceleration(_tips(robot, np.concatenate(lines)))
     way = _pose(robot)[:3, 3] + np.outer(1e-3 * np.arange(len(tips)), [0.0, 0.1, -0.05])
-    assert np.linalg.norm((tips - way)[500:], axis=1).max() < 0.03
+    assert np.linalg.norm((tips - way)[500:], axis=1).max() < 0.03  # [m]
 
 
 def _between(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -114,12 +114,13 @@ def iiwa(once: Once) -> Arm:
 @pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])
 def test_a_wall_feels_the_force(iiwa: Arm, stiffness: float) -> None:
-    """15 N within 0.4 N rms on any wall, and an impact of at most 35 N: the short form of the campaign."""
+    """Press on any wall: 15 N within 0.4 N rms, and an impact of at most 35 N; the short form of the campaign."""
     samples, random = 6000, np.random.default_rng(1)
     pose = iiwa.module.forward_kinematics(iiwa.posture)
     plant = iiwa.plant(
         flexible=True, makers=1, wall_stiffness=stiffness, wall_point=pose[:3, 3] - [0, 0, 0.02], wrench_delay=1
     )
+    # noise [N, N m]; axis and force [N] to press
     noise, press = 0.3 * random.normal(size=(samples, 6)), (0.0, 0.0, -1.0, 15.0, 0.0)
     config = iiwa.config(position_quantum=1e-6)
     rows = iiwa.run(plant, samples, config, goal=iiwa.posture, pose=pose, press=press, wrench_noise=noise)

@@ -253,7 +253,7 @@ def test_every_function_in_c_uses_the_symmetric_part(chain: Chain, robot: Module
 
 
 def test_one_sentence(robot: ModuleType, chain: Chain) -> None:
-    """Everybody who can speak names the remedy; matrices that differ by single precision pass."""
+    """Pass asymmetric matrices: whoever can speak names the remedy; a difference by single precision passes."""
     q, F, C = np.full(7, 0.4), np.zeros(6), np.eye(6)
     K, Kq = np.eye(6) + 1e-3 * np.eye(6, k=2), np.eye(7) + 1e-3 * np.eye(7, k=2)
     law = robot.PaperLaw(motor_inertia=0.1)

@@ -58,7 +58,7 @@ def ready(arms: ModuleType) -> Any:
 def test_the_hands_keep_their_distance(
     shift: tuple[float, float, float], axis: int, sign: int, arms: ModuleType
 ) -> None:
-    """0.3 m and 90 degrees in one command: within 1 mm and 0.2 degrees of the grasp, straight, and there."""
+    """Carry by 0.3 m and 90 degrees in one command: within 1 mm and 0.2 degrees of the grasp, straight, and there."""
     follow, goal = ready(arms), turned(shift, axis, sign * np.pi / 2)
     seen, apart, status = carried(arms, follow, goal, 5.0)
     assert apart[0].max() < 1e-3 and np.degrees(apart[1].max()) < 0.2

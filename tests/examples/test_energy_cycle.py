@@ -51,7 +51,7 @@ def test_the_spring_has_the_wrench_that_is_held(robot: ModuleType) -> None:
 
 
 def test_the_secant_of_one_energy_is_the_gradient_of_another(robot: ModuleType) -> None:
-    """docs/theory.md: with F and K of U at each q, Kq (q - q0) = d((q - q0) . dU - U); not U's own gradient."""
+    """Check docs/theory.md: with F and K of U at each q, Kq (q - q0) = d((q - q0) . dU - U); not U's own gradient."""
     q0 = cycle.centre()
     spring = (robot.forward_kinematics(q0), KT, KO)
 
@@ -67,7 +67,7 @@ def test_the_secant_of_one_energy_is_the_gradient_of_another(robot: ModuleType) 
     np.testing.assert_allclose(secant(q), slope, atol=1e-6)
     displacement = cycle.orbit((0, 2), 0.5)
     assert abs(cycle.work(-secant(q0 + displacement), displacement)[-1]) < 1e-11
-    assert np.abs(-secant(q) - robot.spring.torque(q, *spring)).max() > 5
+    assert np.abs(-secant(q) - robot.spring.torque(q, *spring)).max() > 5  # [N m]
 
 
 def test_the_page_shows_every_law_in_both_themes() -> None:

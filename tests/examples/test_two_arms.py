@@ -23,16 +23,16 @@ from support.project import ROOT
     ],
 )
 def test_the_box_is_held(name: str, away: float, turned: float, tmp_path: Path) -> None:
-    """Lifted, turned and pushed; the usual law does work round a closed lap, the spring between the hands none."""
+    """Lift, turn and push the box; the usual law does work round a closed lap, the spring between the hands none."""
     arm = two_arms.ARMS[name]
     module, file = two_arms.generated(tmp_path, arm)
     session, work = two_arms.run(module, file, arm), two_arms.work_of_lap(module, arm)
     assert session.faults == 0
-    held = (session.time > 0.9) & (session.time < two_arms.PUSHED[0])
+    held = (session.time > 0.9) & (session.time < two_arms.PUSHED[0])  # [s] after the squeeze has grown
     assert (np.abs(session.internal[held] / two_arms.SQUEEZE - 1) <= 0.15).mean() > 0.97
     assert (session.contacts[held] == 2).mean() > 0.99
     assert 1e3 * session.error[-1, 0] < away and np.degrees(session.error[-1, 1]) < turned
-    assert abs(work[0]) > 0.1 and abs(work[1]) < 1e-9
+    assert abs(work[0]) > 0.1 and abs(work[1]) < 1e-9  # [J] of the usual law; of the spring
     if arm is two_arms.IIWA:
         assert difference(two_arms.figure(session), (ROOT / "docs" / "two_arms.svg").read_text(), 20.0) == ""
 

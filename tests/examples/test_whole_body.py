@@ -119,7 +119,7 @@ def test_identification_finds_modes_that_are_known() -> None:
 
 @pytest.mark.wide(instead="test_identification_finds_modes_that_are_known")
 def test_the_law_is_the_gradient_and_contacts_supply_the_bases_part(solo: ModuleType, stance: Stance) -> None:
-    """Torques and contact forces together are -dU/dq + gravity's gradient, in all 18 entries."""
+    """Add torques and contact forces: together they are -dU/dq + gravity's gradient, in all 18 entries."""
     random = np.random.default_rng(1)
     where = stance.base_pose, stance.q
     zero, one = np.zeros((4, 3, 3)), np.array([1.0, 0, 0, 0])[:, None, None]

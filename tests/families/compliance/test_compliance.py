@@ -160,6 +160,7 @@ def test_one_load_has_one_hessian(ur5):
     random = np.random.default_rng(5)
     for _ in range(10):
         q = np.array([0, -1, 1.5, 0.3, 1, 0]) + random.uniform(-0.5, 0.5, 6)
+        # [N m/rad]; [N], [N m]
         springs, wrench = np.diag(random.uniform(300, 900, 6)), random.normal(size=6) * [60, 60, 60, 8, 8, 8]
         X, moved = at_origin(ur5("forward_kinematics", q), wrench)
         expected = X @ ur5("hybrid_tip_compliance", q, wrench, springs) @ X.T
@@ -235,7 +236,7 @@ def test_the_model_refuses_whole_results(robot, tmp_path):
 
 
 def test_mujoco_with_springs_in_the_joints(ur5, tmp_path):
-    """Push the tip by differences of a force: MuJoCo's kinematics and springs, a root of its joint forces."""
+    """Push the tip in MuJoCo, with springs in the joints: its compliance by differences of the force is C."""
     mujoco = pytest.importorskip("mujoco")
     optimize = pytest.importorskip("scipy.optimize")
     spec = mujoco.MjSpec.from_file(str(UR5))
@@ -258,13 +259,13 @@ def test_mujoco_with_springs_in_the_joints(ur5, tmp_path):
         assert np.abs(forces(found, force)).max() < 1e-9
         return found, data.xpos[body].copy()
 
-    force, step = np.array([20.0, -30, 60]), 1e-2
+    force, step = np.array([20.0, -30, 60]), 1e-2  # [N]
     q, _ = tip(force, q0)
     sides = [[tip(force + s * step * axis, q)[1] for s in (1, -1)] for axis in np.eye(3)]
     measured = np.array([(up - down) / (2 * step) for up, down in sides]).T
     found = ur5("hybrid_tip_compliance", q, [*force, 0, 0, 0], np.diag(springs))[:3, :3]
     assert np.abs(found - measured).max() <= 1e-4 * np.abs(measured).max()
-    without = J @ np.diag(1 / springs) @ J.T
+    without = J @ np.diag(1 / springs) @ J.T  # the load's terms left out
     assert np.abs(without - measured).max() > 1e-2 * np.abs(measured).max()
 
 

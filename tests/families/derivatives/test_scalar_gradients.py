@@ -128,10 +128,10 @@ def test_direction_gradient_by_complex_steps(floating):
 
 
 def test_gradient_of_the_smallest_eigenvalue_by_pinocchio(tmp_path):
-    """Fourth-order differences of the smallest eigenvalue of Kq from Pinocchio's Hessian, F and K held."""
+    """Compare with fourth-order differences of the smallest eigenvalue of Kq from Pinocchio's Hessian, F and K held."""
     chain, oracle = _arm(URDF, tmp_path)
     random = np.random.default_rng(9)
-    F, K = random.normal(size=6) * 20, np.diag([700.0, 600, 800, 30, 20, 25])
+    F, K = random.normal(size=6) * 20, np.diag([700.0, 600, 800, 30, 20, 25])  # [N, N m], [N/m, N m/rad]
     kernels, step = StiffnessModel(chain, kernels=("hybrid.joint_stiffness", ALONG)).hybrid, 1e-3
 
     def smallest(q):

@@ -14,7 +14,7 @@ BOUND = 1e-13
 
 
 def cases(count=200):
-    """(group, arguments): joints away from their limits, in both zones, within 1e-9 of an edge, and beyond."""
+    """Yield (group, arguments): joints away from their limits, in both zones, within 1e-9 of an edge, and beyond."""
     random = np.random.default_rng(12)
     for turn in range(count):
         q = random.uniform(-3, 3, 7)
@@ -62,13 +62,13 @@ def test_the_limits_two_derivatives_are_continuous(model):
 
 
 def test_sums_are_those_of_one_potential(model):
-    """Spring, posture and limits together: -d torque/dq is the sum of the joint stiffnesses, and symmetric."""
+    """Add spring, posture and limits: -d torque/dq is the sum of the joint stiffnesses, and symmetric."""
     random = np.random.default_rng(3)
     q = random.uniform(-1, 1, 7)
     H = np.array(model.forward_kinematics(random.uniform(-1, 1, 7)))
     of_spring = (H, 500 * np.eye(3), np.diag([30.0, 20, 10]))
     of_posture = (random.uniform(-1, 1, 7), random.uniform(1, 20, 7))
-    of_limits = (q - 0.1, q + 0.15, 0.2, random.uniform(50, 500, 7))
+    of_limits = (q - 0.1, q + 0.15, 0.2, random.uniform(50, 500, 7))  # q is in both zones of 0.2 rad
 
     def total(name, at):
         groups = ((model.spring, of_spring), (model.posture, of_posture), (model.limits, of_limits))

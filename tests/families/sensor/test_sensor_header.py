@@ -55,13 +55,14 @@ def test_functions_of_stacks(robot):
     """Hang a weight at the tip: the reading of a stack of postures by hand, and the wrench back from it."""
     sensor, random = robot.module.sensor, np.random.default_rng(0)
     q, bias = random.uniform(-0.5, 0.5, (4, 2)), random.normal(size=6)
+    # payload: 1.3 kg and first moment [kg m]; wrench [N]: a weight of 2 kg
     payload, wrench = np.array([1.3, 0.1, 0.0, 0.2]), np.array([0.0, 0.0, -9.81 * 2.0, 0.0, 0.0, 0.0])
     reading = sensor.reading(q, wrench, bias, payload)
     assert reading.shape == (4, 6)
     np.testing.assert_allclose(np.linalg.norm((reading - bias)[:, :3], axis=1), 9.81 * 3.3, rtol=1e-12)
     found = sensor.tip_wrench(q, reading, bias, payload)
     np.testing.assert_allclose(found, np.broadcast_to(wrench, (4, 6)), rtol=0, atol=1e-12)
-    moving = np.concatenate([payload, [0.02, 0.0, 0.0, 0.02, 0.0, 0.01]])
+    moving = np.concatenate([payload, [0.02, 0.0, 0.0, 0.02, 0.0, 0.01]])  # with its inertia [kg m^2]
     at_rest = sensor.tip_wrench_dynamic(q, 0 * q, 0 * q, reading, bias, moving)
     np.testing.assert_allclose(at_rest, found, rtol=0, atol=1e-12)
     K = np.diag([700.0, 700, 800, 30, 30, 30])

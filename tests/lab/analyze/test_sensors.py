@@ -16,10 +16,10 @@ from support.project import ROOT
 
 
 def test_sensors_are_estimated_at_a_standstill(tmp_path: Path) -> None:
-    """Quantum, noise and resolution come back; motion is refused; the example prints them."""
+    """Record a standstill: quantum, noise and resolution come back; motion is refused; the example prints them."""
     random = np.random.default_rng(4)
-    q = 1e-4 * np.round((Q + 1e-4 * random.random((3000, 7))) / 1e-4)
-    dq = 0.02 * random.normal(size=q.shape)
+    q = 1e-4 * np.round((Q + 1e-4 * random.random((3000, 7))) / 1e-4)  # [rad] in steps of 1e-4
+    dq = 0.02 * random.normal(size=q.shape)  # [rad/s]
     found = stiffgen.estimate_sensors(q, dq)
     assert found.position_quantum == pytest.approx(1e-4)
     assert found.velocity_noise == pytest.approx(0.02, rel=0.1)

@@ -84,10 +84,10 @@ class Arm:
 
 
 def test_settled_postures_against_scipy_and_pinocchio(robot: ModuleType) -> None:
-    """Forces and moments at once, in one call; soft springs, so that the arm moves by 0.3 rad."""
+    """Settle 20 arms under forces and moments in one call, on soft springs, so that an arm moves by 0.3 rad."""
     random = np.random.default_rng(0)
     rest = random.uniform(-1.2, 1.2, (20, 7))
-    wrench = random.normal(size=(20, 6)) * [30, 30, 30, 4, 4, 4]
+    wrench = random.normal(size=(20, 6)) * [30, 30, 30, 4, 4, 4]  # [N], [N m]
     found = stiffgen.settle(robot, rest, SOFT, wrench)
     assert found.converged.all()
     assert (found.stability > 0).all()
@@ -207,15 +207,15 @@ def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_lo
 
 @pytest.mark.parametrize("gravity", [None, (0.1, 0.2, -0.3)], ids=["weightless", "heavy"])
 def test_the_softest_load_by_scipy(robot: ModuleType, gravity: tuple[float, ...] | None) -> None:
-    """Pinocchio's torques, solved by scipy along the growing force: the least eigenvalue of their differences."""
+    """Compare with Pinocchio's torques, solved by scipy along the growing force: the least eigenvalue of differences."""
     rest, springs = np.array([0.02, 0.05, 0, -0.03, 0.1, 0.02, 0]), np.array([100.0, 90, 80, 70, 60, 50, 40])
     arm, push = Arm(rest, springs, gravity), np.array([0, 0, -1.0, 0, 0, 0])
-    loads, path = np.linspace(0, 200, 201), [rest]
+    loads, path = np.linspace(0, 200, 201), [rest]  # [N]; each posture begins the search for the next one
     for load in loads:
         path.append(arm.solved(path[-1], load * push))
     stability = [arm.softest(q, load * push) for q, load in zip(path[1:], loads, strict=True)]
     k = int(np.argmin(stability))
-    assert 0 < k < 200
+    assert 0 < k < 200  # the softest one is not at an end
 
     def softest(load: float) -> float:
         return arm.softest(arm.solved(path[k], load * push), load * push)

@@ -81,7 +81,7 @@ def softly_mounted():
 
 @pytest.mark.parametrize("representation", FRAMES)
 def test_mount_and_gripper_against_pinocchio(softly_mounted, representation):
-    """Compliances of an unloaded chain of springs: J K^-1 J^T with the six coordinates of each compliant part."""
+    """Compare with an unloaded chain of springs: J K^-1 J^T with the six coordinates of each compliant part."""
     model, joint, frame = softly_mounted
     data, random = model.createData(), np.random.default_rng(1)
     mount, gripper, motors = 1e-5 * spring(random, 6), 1e-5 * spring(random, 6), random.uniform(1e-4, 1e-3, 6)
@@ -89,7 +89,7 @@ def test_mount_and_gripper_against_pinocchio(softly_mounted, representation):
     base = pin.SE3(np.eye(4))
     for _ in range(4):
         q = pin.neutral(model)
-        q[7:13] = random.uniform(-2, 2, 6)
+        q[7:13] = random.uniform(-2, 2, 6)  # the arm, between the coordinates of mount and gripper
         J = pin.computeFrameJacobian(model, data, q, frame, FRAMES[representation])
         arms.append(J[:, 6:12] @ np.diag(motors) @ J[:, 6:12].T)
         expected.append(J[:, :6] @ mount @ J[:, :6].T + arms[-1] + J[:, 12:] @ gripper @ J[:, 12:].T)

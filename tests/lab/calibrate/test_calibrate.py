@@ -239,7 +239,7 @@ def test_refusals_of_the_command(robots, logs, tmp_path, capsys, robot_folder):
 
 @pytest.mark.slow
 def test_readings_are_analysed(robots, logs, tmp_path, capsys):
-    """``analyze --calibration`` takes the wrench of readings: the weight of two kilograms, and no moment at the tip."""
+    """Analyse readings by ``analyze --calibration``: the weight of two kilograms, and no moment at the tip."""
     file, log = tmp_path / "sensor.json", logs / "weight.csv"
     common = ["--robot", str(robots["truth"])]
     assert main(["calibrate", str(logs / "free.csv"), *common, "--output", str(file)]) == 0

@@ -173,7 +173,7 @@ def test_the_tip_follows_a_drag_and_postures_are_what_they_say(scripts: Scripts,
     """Drag the tip by 7 cm: reached within 1 mm; the named postures are within limits, or singular."""
     q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
     pose = np.asarray(robot.forward_kinematics(q))
-    place = pose[:3, 3] + [0.05, -0.04, 0.03]
+    place = pose[:3, 3] + [0.05, -0.04, 0.03]  # [m]
     moved, bent, (before, near) = scripts.run(
         [{"do": "follow", "q": q, "place": place, "orientation": pose[:3, :3].ravel()}, {"do": "bent"},
          {"do": "singular", "q": q}]
@@ -202,11 +202,11 @@ def test_a_drag_out_of_reach_and_back_does_not_fold_the_elbow_over(scripts: Scri
 
 @pytest.mark.slow
 def test_the_arm_swings_as_an_integration_in_python_does(scripts: Scripts, robot: ModuleType) -> None:
-    """Each law from the same start, with SciPy's integrator; only the conventional law makes energy."""
+    """Let each law swing from the same start: as by SciPy's integrator, and only the conventional law makes energy."""
     from scipy.integrate import solve_ivp
 
     q = np.radians([70.45, 55.35, -36.13, -94.85, 2.43, 11.60, 139.89])
-    wrench, damping, seconds = np.array([0, 0, 0, 4.0, -3.0, 8.0]), 0.3, 0.2
+    wrench, damping, seconds = np.array([0, 0, 0, 4.0, -3.0, 8.0]), 0.3, 0.2  # [N m], [1/s], [s]
     task = {"do": "swing", "q": q, "wrench": wrench, "gains": GAINS, "damping": damping, "seconds": seconds}
     for swing in scripts.run([task])[0]:
         spring = [np.reshape(swing["spring"][key], (-1, size)) for key, size in
@@ -228,7 +228,7 @@ def test_the_arm_swings_as_an_integration_in_python_does(scripts: Scripts, robot
 
         right = solve_ivp(slope, (0, seconds), np.concatenate([q, np.zeros(7)]), rtol=1e-10, atol=1e-12).y[:7, -1]
         np.testing.assert_allclose(swing["q"], right, atol=2e-5, err_msg=swing["law"])
-        assert np.abs(right - q).max() > 0.01
+        assert np.abs(right - q).max() > 0.01  # [rad] it moves
         assert (abs(swing["made"]) > 1e-4) == (swing["law"] == "conventional"), swing["made"]
 
 
