@@ -100,7 +100,7 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
         fault = FAULT_SENDER;
     } else if (fault == FAULT_NONE) {
         fault = order(*message, advance);
-    } else if (other_framing(bytes, count)) {
+    } else if (other_framing(bytes, count)) { /* a robot of another FRI version */
         ++traffic_.other_framing;
     }
     if (fault != FAULT_NONE) {

@@ -303,7 +303,7 @@ void WipingClient::control()
         event(EVENT_NO_TORQUE_MODE, &counters_.no_torque_mode);
     }
     if (!takes_control(torque_mode)) {
-        if (torque_mode && follower_.known()) {
+        if (torque_mode && follower_.known()) { /* not yet, or no more: keep the session by the torque sent last */
             send(follower_.position(), guard_.sent());
         }
         note();

@@ -143,7 +143,7 @@ void WipingClient::watch_standing(const double *q)
         return;
     }
     standing_.add(q, output_.torque, config_.effort_limit, config_.position_quantum > FINE, since_position_);
-    if (settling_.moves_at_rest() || pressing_.moves_at_rest()) {
+    if (settling_.moves_at_rest() || pressing_.moves_at_rest()) { /* the torque then moves by them alone */
         settled_.add(q, output_.torque, config_.effort_limit, false, since_position_);
     } else {
         settled_.reset();

@@ -282,11 +282,11 @@ static void watch(state_t *s, const double *pose, const double *here)
     for (int k = 0; k < 16; ++k) {
         change = larger(change, fabs(pose[k] - s->pose[k]));
     }
-    s->rest = s->known && change <= SAME ? smaller(s->rest + T, 1.0) : 0.0;
+    s->rest = s->known && change <= SAME ? smaller(s->rest + T, 1.0) : 0.0; /* [s], up to 1 s */
     compare_pose(s->here, here, moved);
     for (int k = 0; k < 6; ++k) {
         const double speed = s->known ? moved[k] / T : 0.0;
-        s->velocity[k] += smaller(T / SPEED_TIME, 1.0) * (speed - s->velocity[k]);
+        s->velocity[k] += smaller(T / SPEED_TIME, 1.0) * (speed - s->velocity[k]); /* low-pass */
     }
     memcpy(s->pose, pose, sizeof s->pose);
     memcpy(s->here, here, sizeof s->here);

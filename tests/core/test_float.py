@@ -321,7 +321,7 @@ def test_numpy_converts_and_can_refuse_to(floats):
 
 
 def test_sines_of_some_floats(folder, tmp_path):
-    """Compare sines of floats beside multiples of pi/2, near zero and up to the largest (all: campaigns/float_sines.py)."""
+    """Compare sines beside multiples of pi/2, near zero and up to the largest (all: campaigns/float_sines.py)."""
     sines = Sines(folder, "gcc", ["-O1"], tmp_path)
     # ranges of bit patterns, which order positive floats; 0x45BB8001 is just beyond 6000, the largest angle
     for first, last in (

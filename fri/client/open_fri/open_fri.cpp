@@ -252,7 +252,7 @@ bool ClientApplication::step()
     LBRCommand &command = client_.nextCommand();
     state.message_ = incoming_;
     command.clear();
-    if (!callback(state)) {
+    if (!callback(state)) { /* no answer is due */
         return true;
     }
     const std::size_t length = open_fri::encode(command.message_, sent_count_, incoming_.sequence, sent_, sizeof sent_);

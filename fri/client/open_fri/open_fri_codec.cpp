@@ -155,7 +155,7 @@ bool take_message(const open_fri_Monitoring &from, Monitoring *to)
     to->sequence = from.header.sequence;
     to->reflected = from.header.reflected;
     if (from.has_connection) {
-        if (from.connection.state > 4 || from.connection.quality > 3) {
+        if (from.connection.state > 4 || from.connection.quality > 3) { /* the last of each enumeration */
             return false;
         }
         to->state = from.connection.state;
@@ -208,7 +208,7 @@ void give_data(const Command &from, open_fri_CommandData *to)
         std::memcpy(io.name, from.ios[i].name, sizeof io.name);
         io.type = from.ios[i].type;
         io.direction = from.ios[i].direction;
-        io.has_analog = from.ios[i].type == 2;
+        io.has_analog = from.ios[i].type == 2; /* the analog type; the others share a field */
         io.has_digital = !io.has_analog;
         io.digital = from.ios[i].digital;
         io.analog = from.ios[i].analog;

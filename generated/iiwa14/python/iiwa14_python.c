@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8491cebbaf407044"
+#define SOURCES "a54c3de1f61c0aba"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -207,7 +207,7 @@ def test_a_posture_that_is_almost_straight_is_softest_near_the_straight_one_s_lo
 
 @pytest.mark.parametrize("gravity", [None, (0.1, 0.2, -0.3)], ids=["weightless", "heavy"])
 def test_the_softest_load_by_scipy(robot: ModuleType, gravity: tuple[float, ...] | None) -> None:
-    """Compare with Pinocchio's torques, solved by scipy along the growing force: the least eigenvalue of differences."""
+    """Compare with Pinocchio's torques along the growing force, solved by scipy: least eigenvalue of differences."""
     rest, springs = np.array([0.02, 0.05, 0, -0.03, 0.1, 0.02, 0]), np.array([100.0, 90, 80, 70, 60, 50, 40])
     arm, push = Arm(rest, springs, gravity), np.array([0, 0, -1.0, 0, 0, 0])
     loads, path = np.linspace(0, 200, 201), [rest]  # [N]; each posture begins the search for the next one

@@ -36,7 +36,7 @@ static int hold(state_t *s, const double *here, const double *grasp)
     double inverse[16] = {0.0}, object[16];
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
-            inverse[4 * i + j] = grasp[4 * j + i];
+            inverse[4 * i + j] = grasp[4 * j + i]; /* R^T, and -R^T p */
             inverse[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3];
         }
     }
@@ -66,7 +66,7 @@ static int take_object(state_t *s, const input_t *input, const double *lag)
     }
     memcpy(s->grasp, grasp, sizeof s->grasp);
     if (!s->held || (is_waiting(s) && memcmp(goal, s->goal, sizeof goal) != 0)) {
-        stiffgen_poses(s->q, stiffgen_tool(input), here);
+        stiffgen_poses(s->q, stiffgen_tool(input), here); /* where the tips are */
         s->held = hold(s, here + 16 * last, grasp + 16 * last);
     }
     memcpy(s->goal, goal, sizeof s->goal);

@@ -167,7 +167,7 @@ static int propose_parts(policy_t *p, const proposal_t *proposal, int timed, int
         if (accepted[part]) {
             note_accepted(p, part, time);
         }
-        p->refused[part] = found.code;
+        p->refused[part] = found.code; /* ACCEPTED clears what was noted before */
         p->refused_entry[part] = found.entry;
         p->refused_seen[part] = found.seen;
         p->refused_limit[part] = found.limit;

@@ -49,7 +49,7 @@ static inline void store_four(const lanes *from, int first, int present, int siz
     for (int c = 0; c < present; c += 4) {
         four square[4];
         for (int k = 0; k < 4; ++k) {
-            memcpy(&square[k], (const float *)&finite[k] + c, sizeof(four));
+            memcpy(&square[k], (const float *)&finite[k] + c, sizeof(four)); /* row k: four configurations */
         }
         transpose_four(square);
         for (int k = 0; k < 4 && c + k < present; ++k) {
