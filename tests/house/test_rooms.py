@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, House, functions_of
+import stiffgen
+from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, SMALL, House, functions_of
 from stiffgen.core.family import FAMILIES
-from support.project import ROOT
+from support.project import ROOT, Once
 
 NEEDED = {name for others in FAMILIES.values() for name in others}
 """Families without which another one adds nothing."""
@@ -26,11 +27,15 @@ def test_the_others_go_on_without_a_room(room: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_core_stands_alone(tmp_path: Path) -> None:
-    """All rooms and families are gone at once; tests of the core pass."""
+    """All rooms and families are gone at once; tests of the core pass.
+
+    Its C has the text of the whole house's, which other tests compile in programs.
+    """
     house = House(("families", "files", "control", "cli", "lab", "fri", "ros2"), tmp_path)
     house.generate_and_verify_alone()
-    assert house.functions().items() <= functions_of(ROOT / "generated" / "iiwa14").items()
-    house.test_kernels(OF_THE_CORE)
+    arm = house.generated("urdf/iiwa14", build=True)
+    assert functions_of(arm).items() <= functions_of(ROOT / "generated" / "iiwa14").items()
+    house.test_kernels(OF_THE_CORE, "-k", "not c_program", STIFFGEN_ROBOT_FOLDER=str(arm))
 
 
 @pytest.mark.wide(instead="test_the_core_stands_alone")
@@ -41,10 +46,20 @@ def test_the_kernels_need_no_room(tmp_path: Path) -> None:
     house.test_kernels()
 
 
-def assert_the_same_without(families: Iterable[str], folder: Path) -> None:
+@pytest.fixture(scope="module")
+def whole(once: Once) -> dict[str, str]:
+    """Return the C functions of the small robot, as printed by the whole house."""
+
+    def make(folder: Path) -> None:
+        (folder / "small.urdf").write_text(SMALL)
+        stiffgen.generate(folder / "small.urdf", output=folder, build=False)
+
+    return functions_of(once("small robot of the whole house", make) / "chain")
+
+
+def assert_the_same_without(families: Iterable[str], whole: dict[str, str], folder: Path) -> None:
     """Every function that is left has the text of the whole house's; the controller goes where its functions go."""
-    house = House([f"families.{family}" for family in families], folder)
-    whole, left = functions_of(ROOT / "generated" / "iiwa14"), house.functions()
+    left = House([f"families.{family}" for family in families], folder).functions()
     assert left.items() <= whole.items() and len(left) >= 30
 
 
@@ -52,11 +67,11 @@ def assert_the_same_without(families: Iterable[str], folder: Path) -> None:
 @pytest.mark.parametrize(
     "family", [pytest.param(name, marks=() if name in NEEDED else pytest.mark.wide) for name in ALL_FAMILIES]
 )
-def test_functions_are_the_same_without_a_family(family: str, tmp_path: Path) -> None:
-    assert_the_same_without([family], tmp_path)
+def test_functions_are_the_same_without_a_family(family: str, whole: dict[str, str], tmp_path: Path) -> None:
+    assert_the_same_without([family], whole, tmp_path)
 
 
 @pytest.mark.slow
-def test_functions_are_the_same_without_the_families_that_none_needs(tmp_path: Path) -> None:
+def test_functions_are_the_same_without_the_families_that_none_needs(whole: dict[str, str], tmp_path: Path) -> None:
     """All at once: that none of them imports another one is tests/house/test_walls.py's."""
-    assert_the_same_without(set(ALL_FAMILIES) - NEEDED, tmp_path)
+    assert_the_same_without(set(ALL_FAMILIES) - NEEDED, whole, tmp_path)
