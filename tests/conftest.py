@@ -18,10 +18,10 @@ import stiffgen
 from stiffgen.core.emit import build
 from stiffgen.core.verify.folder import widths
 from support.c_program import STRICT, language_flags
-from support.fixtures import _own_cache, kept_objects, once, robot, robot_folder
+from support.fixtures import _own_cache, kept_objects, mjcf_in_this_process, once, robot, robot_folder
 from support.project import ROOT, URDF, Compiled, Once, require_compiler
 
-__all__ = ["_own_cache", "kept_objects", "once", "robot", "robot_folder"]
+__all__ = ["_own_cache", "kept_objects", "mjcf_in_this_process", "once", "robot", "robot_folder"]
 
 
 def pytest_collection_finish() -> None:

@@ -240,6 +240,7 @@ FINGERS = {  # joint c, its relation to a, and what inspect says
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FINGERS)
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_followers_of_an_mjcf_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Compare a follower's range with MuJoCo's relation, q_b - ref_b = 0.05 - 0.7 (q_a - ref_a)."""
     joint_c, relation, words = FINGERS[name]

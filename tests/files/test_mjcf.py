@@ -65,12 +65,14 @@ def assert_agrees(file: Path, seed: int = 1, **options: object) -> stiffgen.core
 
 
 @pytest.mark.parametrize(("tip", "dof"), [("tool", 4), ("side", 4), ("left", 5), ("right", 5), ("thumb", 5)])
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_chain_agrees_with_mujoco(tmp_path, tip, dof):
     chain = assert_agrees(written(tmp_path, ARM), tip=tip)
     assert chain.dof == dof
     assert (chain.robot, chain.base) == ("arm", "world")
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_limits_forces_and_motors(tmp_path):
     """Compare limits, efforts and rotor inertias with those of the model."""
     chain = assert_agrees(written(tmp_path, ARM), tip="tool")
@@ -82,6 +84,7 @@ def test_limits_forces_and_motors(tmp_path):
     assert thumb.motor_inertia > 0.05  # its own, and those of the fingers that move with it
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_a_free_root_is_a_floating_base(tmp_path):
     file = written(tmp_path, FREE)
     chain = chain_between(describe(file), ChainOptions(tip="foot"))
@@ -89,12 +92,14 @@ def test_a_free_root_is_a_floating_base(tmp_path):
     assert_agrees(written(tmp_path, FREE.replace("<freejoint/>", "")), tip="foot")
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_ball_joint_on_the_chain_is_refused(tmp_path):
     with pytest.raises(StiffgenError, match="joint 'ball' between 'world' and 'pendulum' is ball"):
         stiffgen.load_chain(written(tmp_path, ARM), tip="pendulum")
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_constraints_that_no_mimic_expresses(tmp_path):
     """Read constraints that are not linear or determine no joint: refused where they matter, held where constant."""
     file = written(tmp_path, ARM.replace("0.01 0.8 0 0 0", "0.01 0.8 0.5 0 0"))
@@ -112,6 +117,7 @@ def test_constraints_that_no_mimic_expresses(tmp_path):
 
 
 @pytest.mark.parametrize("flag", ["equality", "constraint"])
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_constraints_that_a_flag_disables(tmp_path, flag):
     """MuJoCo enforces none of them: the finger has a coordinate of its own, and no loop is closed."""
     loop = '<connect name="bar" body1="left" body2="palm" anchor="0 0 0"/></equality>'

@@ -16,6 +16,8 @@ from stiffgen import StiffnessModel, load_chain
 from stiffgen.core.errors import OmissionWarning
 from stiffgen.core.loading import describe
 
+pytestmark = pytest.mark.usefixtures("mjcf_in_this_process")
+
 BODY = '<inertial pos="0.2 0 0.01" mass="{}" diaginertia="0.01 0.02 0.02"/>'
 MODEL = """<mujoco model="arm">{compiler}<compiler angle="radian"/>{option}<worldbody>
 <site name="peg" pos="0.1 0.2 0.9"/>

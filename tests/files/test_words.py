@@ -231,6 +231,7 @@ FIRST, *OTHERS = UNLIMITED
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [FIRST, *(pytest.param(each, marks=pytest.mark.wide) for each in OTHERS)])
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_mjcf_files_are_not_told_to_edit_limits(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Leave limits of an MJCF model out: the words name its own attribute, not URDF's <limit>."""
     file = written(tmp_path, MODEL.replace('<joint name="j"/>', UNLIMITED[name]), "arm.xml")

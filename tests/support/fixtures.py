@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from filelock import FileLock
@@ -76,3 +78,20 @@ def robot_folder(once: Once) -> Path:
 @pytest.fixture(scope="session")
 def robot(robot_folder: Path) -> ModuleType:
     return open_robot(robot_folder).module
+
+
+@pytest.fixture
+def mjcf_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let MuJoCo compile MJCF files here, as the reader's script does: its process takes most of a short test.
+
+    tests/files/test_mjcf.py reads files by the script, too. MuJoCo logs into the current folder, the test's own.
+    """
+    from stiffgen.files import compilation  # a room that the tests of the core go without
+
+    monkeypatch.chdir(tmp_path)
+
+    def answer(script: str, file: str, request: dict[str, str], *_: str) -> Any:
+        assert script == "compilation.py"
+        return json.loads(json.dumps(compilation.answer_for(Path(request["file"]))))
+
+    monkeypatch.setattr("stiffgen.files.mjcf.answer_of", answer)

@@ -298,26 +298,30 @@ def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
         yield {"text": f"{kind}{name} ({names[0]}, {names[1]})", "weld": kind == "weld", "ends": ends}
 
 
+def answer_for(file: Path) -> dict[str, Any]:
+    """Return the answer for a file: its model, or why there is none."""
+    try:
+        return _compiled(file)
+    except ImportError as error:
+        return {"missing": str(error)}
+    except FileError as error:
+        return {"refusal": str(error)}
+    except UnicodeDecodeError as error:  # of a name; in comments MuJoCo reads any byte
+        fault = f"a name is no UTF-8 text (byte 0x{error.object[error.start]:02x})"
+        return {"encoding": f"{fault}; save the file, and those that it includes, as UTF-8"}
+    except MemoryError:
+        return {"error": f"needs more than {_GIBIBYTES} GiB of memory to compile"}
+    except Exception as error:
+        return {"error": " ".join(str(error).split()) or type(error).__name__}
+
+
 def main() -> None:
     """Answer the request on standard input."""
     request = json.load(sys.stdin)
     limit_process(SECONDS, _GIBIBYTES)
-    file = Path(request["file"])
     with tempfile.TemporaryDirectory(prefix="stiffgen-mjcf.") as scratch:
         os.chdir(scratch)  # MuJoCo logs into the current folder
-        try:
-            answer = _compiled(file)
-        except ImportError as error:
-            answer = {"missing": str(error)}
-        except FileError as error:
-            answer = {"refusal": str(error)}
-        except UnicodeDecodeError as error:  # of a name; in comments MuJoCo reads any byte
-            fault = f"a name is no UTF-8 text (byte 0x{error.object[error.start]:02x})"
-            answer = {"encoding": f"{fault}; save the file, and those that it includes, as UTF-8"}
-        except MemoryError:
-            answer = {"error": f"needs more than {_GIBIBYTES} GiB of memory to compile"}
-        except Exception as error:
-            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+        answer = answer_for(Path(request["file"]))
         os.chdir(os.sep)
     json.dump(answer, sys.stdout)
 

@@ -17,6 +17,8 @@ from stiffgen.core.symbolic.kernels import chain_kernels
 from stiffgen.core.symbolic.model import casadi_function
 from stiffgen.core.verify.folder.files import check_urdf
 
+pytestmark = pytest.mark.usefixtures("mjcf_in_this_process")
+
 LOOP = "coupler:0.35,0,0=rocker:0.25,0,0"
 
 
