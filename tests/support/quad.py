@@ -75,6 +75,20 @@ def can_run(flags: Sequence[str]) -> bool:
     return "-mavx2" not in flags or " avx2 " in known
 
 
+_OBJECTS: dict[tuple[str, ...], bytes] = {}
+"""Objects by command and text: the tests of a robot have the same reference."""
+
+
+def _compile(command: Sequence[str], source: Path, target: Path) -> None:
+    """Compile a file, once for each text of it and of the headers beside it."""
+    texts = [source.read_text(), *(header.read_text() for header in sorted(source.parent.glob("*.h")))]
+    key = (*command, source.name, *texts)
+    if key not in _OBJECTS:
+        subprocess.run([*command, f"-I{source.parent}", str(source), "-o", str(target)], check=True)
+        _OBJECTS[key] = target.read_bytes()
+    target.write_bytes(_OBJECTS[key])
+
+
 class Measured:
     """Functions of a folder's C, and their errors."""
 
@@ -125,8 +139,7 @@ class Measured:
         ):
             with_quad = compiler if each.name == f"{name}.c" else "gcc"
             objects.append(str(each.with_suffix(".o")))
-            command = [with_quad, "-c", "-fPIC", "-w", *own_flags, f"-I{work}", str(each), "-o", objects[-1]]
-            subprocess.run(command, check=True)
+            _compile([with_quad, "-c", "-fPIC", "-w", *own_flags], each, Path(objects[-1]))
         subprocess.run(["gcc", "-shared", *objects, "-o", str(library), "-lquadmath", "-lm"], check=True)
         self.library = ctypes.CDLL(str(library))
 
