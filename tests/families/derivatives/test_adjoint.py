@@ -31,6 +31,9 @@ ROBOTS = {
     "floating arm with a tool": lambda folder: of_types(folder, "rpr", runtime_tool=True, floating_base=True),
     "floating tree": lambda folder: tree(folder, "left", "right"),
     "small floating": lambda folder: of_types(folder, "rpm", floating_base=True),
+    "floating slide and mimic joint with a tool": lambda folder: of_types(
+        folder, "pm", runtime_tool=True, floating_base=True
+    ),
 }
 
 
@@ -76,10 +79,10 @@ def products(chain):
     "robot",
     [
         "small",
-        *(pytest.param(robot, marks=pytest.mark.slow) for robot in ("tool at run time", "small floating")),
+        pytest.param("floating slide and mimic joint with a tool", marks=pytest.mark.slow),
         *(
             pytest.param(robot, marks=pytest.mark.wide)
-            for robot in ("two tips", "floating arm with a tool", "floating tree")
+            for robot in ("tool at run time", "small floating", "two tips", "floating arm with a tool", "floating tree")
         ),
     ],
 )

@@ -29,7 +29,20 @@ OPTIONS = KernelOptions(derivatives=True)
 CASES = {"arm": {}, "walker": {"tip": ["left", "right"], "floating_base": True}}
 """Three joints, one sliding and one that mimics; and four joints with two tips on a floating base."""
 FEWER = {
-    "arm": {"kernels": ("hybrid", "spring", "limits", "mass_matrix", "bias_forces", "gravity", "manipulability")},
+    "arm": {
+        "kernels": (
+            "hybrid.jacobian",
+            "hybrid.kinematic_stiffness",
+            "hybrid.joint_stiffness",
+            "spring.energy",
+            "spring.joint_stiffness",
+            "limits.torque",
+            "mass_matrix",
+            "bias_forces",
+            "gravity.gradient",
+            "manipulability",
+        )
+    },
     "walker": {"kernels": ("body", "mass_matrix", "gravity")},
 }
 """Kernels of every kind; single calls of all of them: test_casadi.py. Of the walker, what has base or tips."""

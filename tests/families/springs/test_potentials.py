@@ -48,11 +48,8 @@ def most(p, R, parameters):
 def kinks(p, R, parameters):
     return ca.fmax(0, p[2] - 0.1) ** 3 + ca.fabs(p[0]) ** 3
 
-def sines_and_roots(p, R, parameters):
-    return sines(p, R, parameters) + roots(p, R, parameters)
-
-def with_pieces(p, R, parameters):
-    return larger(p, R, parameters) + pieces(p, R, parameters) + kinks(p, R, parameters)
+def every_formula(p, R, parameters):
+    return sum(each(p, R, parameters) for each in (sines, roots, larger, pieces, kinks))
 
 LOCALS = ("angle", "sine", "J", "K", "q", "p", "R", "x", "i", "n", "a", "a_bar", "a_step", "a_of_tips")
 WORDS = (
@@ -68,7 +65,7 @@ NAMES = ("polynomial", "sines", "roots", "larger", "pieces", "chosen", "angle", 
 
 ``most`` has as many as a potential may have.
 """
-FORMULAS = ("sines_and_roots", "with_pieces", "chosen")
+FORMULAS = ("every_formula", "chosen")
 """Every formula, in few functions; the other potentials differ in names."""
 ROBOT = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.3"/><axis xyz="0 1 0"/>
