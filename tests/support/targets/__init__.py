@@ -335,6 +335,8 @@ def with_longest_iterations(source: str) -> str:
 def step_count(machine: Machine, folder: Path, work: Path, steps: int, *, longest: bool = False) -> Count:
     """Count the instructions of the impedance controller's step, in smooth and hostile motions in turn.
 
+    ``work`` is a folder of this machine and robot, in which the kernels are kept from count to count.
+
     ``longest``: with all turns of the modes (:func:`with_longest_iterations`).
     """
     name, program = folder.name, work / "step"
@@ -346,7 +348,10 @@ def step_count(machine: Machine, folder: Path, work: Path, steps: int, *, longes
     controller, text = work / "controller.c", (folder / f"{name}_impedance.c").read_text()
     controller.write_text(with_longest_iterations(text) if longest else text)
     flags = ["-O2", "-std=gnu99", f"-I{folder}", f"-I{work}", f"-DSTATES={steps}"]
-    sources = [str(folder / f"{name}.c"), str(controller), str(HERE / "step.c")]
+    kernels = work / "kernels_of_step.o"
+    if not kernels.exists():  # both controllers call the same
+        subprocess.run([*machine.compiler, *flags, "-c", str(folder / f"{name}.c"), "-o", str(kernels)], check=True)
+    sources = [str(kernels), str(controller), str(HERE / "step.c")]
     subprocess.run([*machine.compiler, *flags, *sources, *own, "-o", str(program), "-lm"], check=True)
     (count,) = counts(machine, program, work)
     return count
