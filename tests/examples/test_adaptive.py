@@ -18,12 +18,14 @@ from support.project import ROOT, URDF
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return the folder of the iiwa 14 with derivatives."""
+    """Return the folder of the iiwa 14 with controller, and with what the example calls and its derivatives."""
     return stiffgen.generate(
         URDF,
         name="iiwa14_derivatives",
         output=tmp_path_factory.mktemp("robots"),
+        kernels="forward_kinematics,mass_matrix,bias_forces,hybrid.jacobian,hybrid.joint_stiffness",
         derivatives=True,
+        batches=False,
     )
 
 
