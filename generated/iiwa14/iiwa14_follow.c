@@ -524,7 +524,8 @@ static int take_goal(state_t *s, const double *goal)
         s->period = 0;
     }
     for (int r = 0; r < ROWS; ++r) {
-        s->stream[r] = way > SAME && fine ? moved[r] / time : (s->period > 0 ? s->stream[r] : 0.0);
+        const double old = s->period > 0 ? s->stream[r] : 0.0;
+        s->stream[r] = way > SAME && fine ? moved[r] / time : old;
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
     return way > SAME;

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "a54c3de1f61c0aba"
+#define SOURCES "388e8f9426946dfe"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

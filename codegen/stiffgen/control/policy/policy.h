@@ -26,7 +26,6 @@ refusal_t refuse(int code, int entry, double seen, double limit);
 refusal_t check_poses(const config_t *c, const double *poses);
 refusal_t check_stiffness(const double *stiffness, double most, double *symmetric);
 refusal_t check_wrench(const config_t *c, const double *wrench);
-
 int start(const config_t *c, policy_t *p, const double *poses, double now);
 int propose(policy_t *p, const proposal_t *proposal, double now);
 void command(policy_t *p, double now, output_t *out);
