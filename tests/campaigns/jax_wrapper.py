@@ -88,13 +88,13 @@ def test_gradients_have_values_and_no_derivatives(robot, request, double):
 
 @pytest.mark.parametrize(("robot", "step"), [("small", 1), pytest.param("walker", 3, marks=pytest.mark.wide)])
 def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
-    """Compare each function (of the walker each third) with NumPy: a stack, its gradients.
+    """Compare each function (of the walker each third) with NumPy: a stack, and gradients of each third one.
 
     The first function of each signature: also one state, vmap over all or one, forward mode. All share one program.
     """
     robot = request.getfixturevalue(robot)
     seen = set()
-    for case in list(cases(robot, wrapper(robot, "jax"), COUNT))[::step]:
+    for number, case in enumerate(list(cases(robot, wrapper(robot, "jax"), COUNT))[::step]):
         close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
             found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(initial=0), err_msg=path
         )
@@ -106,6 +106,8 @@ def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
             assert all(isinstance(each, jax.Array) and each.dtype == np.float64 for each in listed(found))
             for each, expected in zip(listed(found), case.results, strict=True):
                 close(each, expected)
+        if not is_new and number % 3 != 0:
+            continue
         results, back = jax.vjp(case.function, *case.arguments)
         gradients = back(results.__class__(case.cotangents) if isinstance(results, tuple) else case.cotangents[0])
         for each, expected in zip(gradients, case.of_wrapper(), strict=True):

@@ -60,8 +60,8 @@ _FUNCTION = re.compile(r"^(?:static )?(?:[\w \*]+ )\*?(\w+)\(([^;{]*)\)\s*\{\n(.
 class House:
     """A copy of what git tracks, without some rooms (``lab.play``) and families (``families.loops``)."""
 
-    def __init__(self, rooms: Collection[str], folder: Path) -> None:
-        """Copy the committed files to the folder, without those of the rooms that are to be absent."""
+    def __init__(self, rooms: Collection[str], folder: Path, within: str = "") -> None:
+        """Copy the committed files within a folder of the repository, without those of rooms that are to be absent."""
         self.rooms, self.folder = tuple(rooms), folder
         gone = tuple(
             f"{room}/" if room in OUTSIDE else f"codegen/stiffgen/{room.replace('.', '/')}/" for room in self.rooms
@@ -73,7 +73,7 @@ class House:
         for start in gone:
             assert any(file.startswith(start) for file in listed), start
         for file in listed:
-            if not file.startswith(gone) and (ROOT / file).exists():
+            if file.startswith(within) and not file.startswith(gone) and (ROOT / file).exists():
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / file, folder / file)
                 self._copy_compiled(file)

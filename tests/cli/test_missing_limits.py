@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stiffgen.cli import main
-from support.project import URDF
+from support.chains import chain_urdf
 
 SENTENCE = (
     'arm.urdf: no {limit} limit, which the impedance controller needs: add {limit}="..." to the <limit> of {joints} '
@@ -17,8 +17,8 @@ SENTENCE = (
 
 
 def arm(folder: Path, **removed: tuple[str, ...]) -> Path:
-    """Write the iiwa 14 without some limits: ``velocity=("A1",)`` leaves out the velocity of A1."""
-    text = URDF.read_text()
+    """Write an arm without some limits: ``velocity=("j0",)`` leaves out the velocity of j0."""
+    text = chain_urdf("rrr")
     for limit, joints in removed.items():
         for joint in joints:
             before, start, rest = text.partition(f'<joint name="{joint}"')
@@ -39,14 +39,14 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
     """Leave limits out of a URDF: each command names the joints, and where to write the limit."""
-    arm(tmp_path, velocity=("A2", "A5"), effort=("A7",))
+    arm(tmp_path, velocity=("j0", "j2"), effort=("j1",))
     monkeypatch.chdir(tmp_path)
     assert main(COMMANDS[command]) == 0
     out, err = capsys.readouterr()
     said = out if command == "inspect" else err
     for limit, joints, field in (
-        ("velocity", "joints A2, A5", "velocity_limit"),
-        ("effort", "joint A7", "effort_limit"),
+        ("velocity", "joints j0, j2", "velocity_limit"),
+        ("effort", "joint j1", "effort_limit"),
     ):
         (line,) = (each for each in said.splitlines() if f"no {limit} limit" in each)
         assert SENTENCE.format(limit=limit, joints=joints) in line
@@ -58,8 +58,8 @@ def test_named_by_every_command(command, tmp_path, monkeypatch, capsys) -> None:
     ("command", "removed"),
     [(each, {}) for each in COMMANDS.values()]
     + [
-        (["generate", "arm.urdf", "--no-build", "--no-controller"], {"velocity": ("A2",)}),
-        (["new", "arm.urdf", "--no-build", "--controller", "spring"], {"velocity": ("A2",)}),
+        (["generate", "arm.urdf", "--no-build", "--no-controller"], {"velocity": ("j1",)}),
+        (["new", "arm.urdf", "--no-build", "--controller", "spring"], {"velocity": ("j1",)}),
     ],
 )
 def test_nothing_is_said_without_a_reason(command, removed, tmp_path, monkeypatch, capsys) -> None:
@@ -76,4 +76,4 @@ def test_a_limit_of_zero_is_none(tmp_path, monkeypatch, capsys) -> None:
     file.write_text(re.sub(r' velocity="[^"]*"', ' velocity="0"', file.read_text(), count=1))
     monkeypatch.chdir(tmp_path)
     assert main(["inspect", "arm.urdf"]) == 0
-    assert SENTENCE.format(limit="velocity", joints="joint A1") in capsys.readouterr().out
+    assert SENTENCE.format(limit="velocity", joints="joint j0") in capsys.readouterr().out

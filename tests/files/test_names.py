@@ -98,6 +98,7 @@ def test_robots_lists_name_format_and_licence(described, capsys):
     assert main(["inspect", "nothing", "--list", "known"]) == 2
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_menagerie(tmp_path, monkeypatch, capsys):
     """Read a robot of Menagerie by its name; the list states its licence."""
     folder = tmp_path / "maker_arm"
@@ -159,6 +160,7 @@ def menagerie(tmp_path, monkeypatch):
     sys.modules.pop("mujoco_menagerie", None)
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_robots_of_the_package_of_menagerie(menagerie, capsys):
     assert describe("maker_hand").robot == "left"
     assert main(["inspect", "maker", "--list", "known"]) == 0
@@ -167,6 +169,7 @@ def test_robots_of_the_package_of_menagerie(menagerie, capsys):
         describe("far_hand")
 
 
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp_path):
     """Name robots that a local copy has: nothing is downloaded."""
     hand(tmp_path / "copy" / "maker_hand")
@@ -181,6 +184,7 @@ def test_a_copy_of_menagerie_comes_before_a_download(menagerie, monkeypatch, tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["left_hand", "right_hand", "follower_1.2"])
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
     """Name a folder with several models: the package's list decides, downloaded or copied."""
     package = tmp_path / "site" / "mujoco_menagerie" / "__init__.py"
@@ -194,6 +198,7 @@ def test_the_default_model_of_a_robot(menagerie, tmp_path, monkeypatch, model):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("mjcf_in_this_process")
 def test_a_file_of_keyframes_is_no_robot(tmp_path, monkeypatch):
     """Find the model without the list: the file with a body that is no scene."""
     hand(tmp_path / "maker_hand")

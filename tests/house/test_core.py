@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -25,14 +26,15 @@ class Absent:
 
 sys.meta_path.insert(0, Absent())
 import pytest
-sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", *sys.argv[1:]]))
+sys.exit(pytest.main(["-p", "no:cacheprovider", "-p", "no:hypothesispytest", *sys.argv[1:]]))
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["graph", "spots", "choices"])
-def test_unit_tests_need_no_more_than_the_core(name: str) -> None:
-    command = [sys.executable, "-c", RUN, "-m", "not slow", f"tests/core/test_{name}.py"]
+def test_unit_tests_need_no_more_than_the_core() -> None:
+    files = [f"tests/core/test_{name}.py" for name in ("graph", "spots", "choices")]
+    command = [sys.executable, "-c", RUN, "-v", "-m", "not slow", *files]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
-    assert " passed" in done.stdout
+    for file in files:
+        assert re.search(rf"^{file}::.* PASSED", done.stdout, re.MULTILINE), done.stdout

@@ -78,7 +78,7 @@ def test_generated_code_says_whose_it_is() -> None:
     assert all(word in page for word in ("used, changed and licensed in any way", "belongs to the user", "warranty"))
 
 
-@pytest.mark.slow
+@pytest.mark.wide(instead="test_ci_runs_the_reuse_tool")
 def test_reuse_passes() -> None:
     """Run the REUSE tool: each file has a licence."""
     done = subprocess.run(
@@ -88,3 +88,10 @@ def test_reuse_passes() -> None:
         check=False,
     )
     assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
+
+
+def test_ci_runs_the_reuse_tool() -> None:
+    """Look the tool up in ``make lint``, which CI runs beside the tests."""
+    (recipe,) = re.findall(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert "$(BIN)/reuse lint --lines\n" in recipe
+    assert re.search(r"^make .*\blint\b", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)

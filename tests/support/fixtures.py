@@ -81,14 +81,14 @@ def robot(robot_folder: Path) -> ModuleType:
 
 
 @pytest.fixture
-def mjcf_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def mjcf_in_this_process(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let MuJoCo compile MJCF files here, as the reader's script does: its process takes most of a short test.
 
-    tests/files/test_mjcf.py reads files by the script, too. MuJoCo logs into the current folder, the test's own.
+    tests/files/test_mjcf.py reads files by the script, too. MuJoCo logs into the current folder, an empty one.
     """
     from stiffgen.files import compilation  # a room that the tests of the core go without
 
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(tmp_path_factory.mktemp("log"))
 
     def answer(script: str, file: str, request: dict[str, str], *_: str) -> Any:
         assert script == "compilation.py"
