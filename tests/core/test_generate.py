@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -125,8 +126,15 @@ def test_unbuilt_folder_says_what_to_do(tmp_path):
     assert "make generate" in done.stderr
 
 
+def umask() -> int:
+    """Return the process's mask of permissions, which only setting it tells."""
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
+
+
 def test_regenerating_replaces_the_folder(tmp_path):
-    """Generate over an edited folder: exactly the files of a fresh one, readable by others."""
+    """Generate over an edited folder: exactly the files of a fresh one, with the permissions of any new folder."""
     folder = tmp_path / "iiwa14"
     shutil.copytree(ROOT / "generated" / "iiwa14", folder, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     (folder / "iiwa14.c").write_text("edited")
@@ -134,7 +142,7 @@ def test_regenerating_replaces_the_folder(tmp_path):
     assert stiffgen.generate(URDF, output=tmp_path, build=False) == folder
     assert files(folder) == FILES
     assert [path.name for path in tmp_path.iterdir()] == ["iiwa14"]
-    assert folder.stat().st_mode & 0o077
+    assert folder.stat().st_mode & 0o777 == 0o777 & ~umask()
 
 
 @pytest.mark.parametrize("content", [{}, {"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "[1]"}])
@@ -225,7 +233,7 @@ def test_unusable_names_are_refused(name, tmp_path):
 
 @pytest.mark.usefixtures("unoptimised")
 def test_another_name_prefixes_everything(tmp_path):
-    """Generate under another name: all identifiers have it as prefix, and none the old one."""
+    """Generate under another name: macros and functions have it as prefix, none the old one, and the module works."""
     folder = stiffgen.generate(URDF, output=tmp_path, name="left_arm", controller=False, batches=False)
     header = (folder / "left_arm.h").read_text()
     assert "LEFT_ARM_DOF 7" in header

@@ -70,7 +70,7 @@ def check_kernels(scripts: Scripts, count: int) -> None:
 
 
 def check_drawing(scripts: Scripts) -> None:
-    """Frames that are drawn end where the kernel says that the tip is; a link's point moves as its Jacobian says."""
+    """Compare the frames that are drawn, at their ends, with the kernel's poses of the tips, in five postures each."""
     robot, random = scripts.robot, np.random.default_rng(4)
     for index, tip in enumerate(robot.chain.tips):
         kernel = next(
