@@ -19,6 +19,7 @@ import pytest
 import stiffgen
 from stiffgen.cli import main
 from stiffgen.files import cache
+from support.chains import chain_urdf
 from support.project import ROOT, URDF
 
 SMALL = {"kernels": "hybrid.jacobian", "controller": False, "batches": False, "masses": False}
@@ -158,9 +159,8 @@ def test_one_robot_is_removed(here, capsys):
 def test_the_readmes_line(here, monkeypatch):
     """Its call, to the letter, beside a file of that name."""
     (code,) = re.findall(r"`(stiffgen\.load\(\"my_arm.*?)`", (ROOT / "README.md").read_text())
-    text = URDF.read_text().replace("link_ee", "tool0")
-    Path("my_arm.urdf").write_text(text)
-    assert eval(code, {"stiffgen": stiffgen}).hybrid.jacobian(np.zeros(7)).shape == (6, 7)
+    Path("my_arm.urdf").write_text(chain_urdf("rr").replace('"l2"', '"tool0"'))
+    assert eval(code, {"stiffgen": stiffgen}).hybrid.jacobian(np.zeros(2)).shape == (6, 2)
 
 
 @pytest.mark.slow

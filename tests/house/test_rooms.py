@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
 import stiffgen
-from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, SMALL, House, functions_of
+from campaigns.rooms import ALL_FAMILIES, OF_THE_CORE, ROOMS, SMALL, House, functions_of, functions_of_each
 from stiffgen.core.family import FAMILIES
 from support.project import ROOT, Once
 
@@ -57,21 +56,27 @@ def whole(once: Once) -> dict[str, str]:
     return functions_of(once("small robot of the whole house", make) / "chain")
 
 
-def assert_the_same_without(families: Iterable[str], whole: dict[str, str], folder: Path) -> None:
-    """Every function that is left has the text of the whole house's; the controller goes where its functions go."""
-    left = House([f"families.{family}" for family in families], folder, within="codegen/").functions()
-    assert left.items() <= whole.items() and len(left) >= 30
+REST = "those that none needs"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "family", [pytest.param(name, marks=() if name in NEEDED else pytest.mark.wide) for name in ALL_FAMILIES]
+    "families",
+    [
+        pytest.param((*sorted(NEEDED), REST), id="needed, rest"),
+        pytest.param(tuple(sorted({*ALL_FAMILIES} - NEEDED)), marks=pytest.mark.wide, id="each of the rest"),
+    ],
 )
-def test_functions_are_the_same_without_a_family(family: str, whole: dict[str, str], tmp_path: Path) -> None:
-    assert_the_same_without([family], whole, tmp_path)
+def test_functions_are_the_same_without_a_family(
+    families: tuple[str, ...], whole: dict[str, str], tmp_path: Path
+) -> None:
+    """Every function that is left has the text of the whole house's; the controller goes where its functions go.
 
-
-@pytest.mark.slow
-def test_functions_are_the_same_without_the_families_that_none_needs(whole: dict[str, str], tmp_path: Path) -> None:
-    """All at once: that none of them imports another one is tests/house/test_walls.py's."""
-    assert_the_same_without(set(ALL_FAMILIES) - NEEDED, whole, tmp_path)
+    Of the rest all go at once: that none of them imports another one is tests/house/test_walls.py's.
+    """
+    houses = {}
+    for family in families:
+        absent = {*ALL_FAMILIES} - NEEDED if family == REST else {family}
+        houses[family] = House([f"families.{each}" for each in absent], tmp_path / family, within="codegen/")
+    for family, left in functions_of_each(houses).items():
+        assert left.items() <= whole.items() and len(left) >= 30, family
