@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "388e8f9426946dfe"
+#define SOURCES "6597b468ded363c1"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

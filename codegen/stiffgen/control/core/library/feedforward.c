@@ -52,8 +52,8 @@ static void carry(const memory_t *m, const command_t *k, double paid, const doub
 
 /*
  * Return the part of a joint's friction that is fed forward, from -1 to 1: by the reference's velocity, at rest 0
- * whatever dq does. It ends before the reference does, by the velocity to which a braking one will fall: an arm that is
- * behind would be carried beyond q0 (4.0 mm for 2.6).
+ * whatever dq does. It ends before the reference does, by the velocity that a braking one will have after AHEAD: an arm
+ * that is behind would be carried beyond q0 (by 4.0 mm, so by 2.6).
  */
 static double side_of_friction(const reference_t *f, int i)
 {

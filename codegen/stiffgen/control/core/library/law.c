@@ -4,7 +4,7 @@
 /* Designed damping. */
 typedef struct {
     double joint;       /* [N m s/rad] each joint's own */
-    double most;        /* [1/s] largest eigenvalue of M^-1 B that sample time and delay allow, less the joints' share */
+    double most;        /* [1/s] largest eigenvalue of M^-1 B that the delay allows, less the joints' share */
     double largest;     /* [1/s] largest that a mode has */
     double softness[N]; /* (M^-1)_ii */
 } design_t;

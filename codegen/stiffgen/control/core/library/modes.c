@@ -17,8 +17,8 @@ static void add_turn(modes_t *m, int row, double cosine, double sine)
 }
 
 /*
- * Reflect the rows and columns beyond k, so that row k has one entry beside the diagonal. The reflection's vector stays
- * in row k. Return the entry.
+ * Reflect the rows and columns beyond k (Householder: A -= v w^T + w v^T), so that row k has one entry beside the
+ * diagonal. The reflection's vector v stays in row k. Return the entry.
  */
 static double eliminate(double *A, int k, double *beta)
 {

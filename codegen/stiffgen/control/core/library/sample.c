@@ -63,8 +63,8 @@ static int read_clock(const config_t *c, const input_t *in, watch_t *w)
 }
 
 /*
- * Sum by how far the motions of q and dq differ while one of them stands still; up to `allowed` per sample is noise,
- * resolution and bias of dq, which therefore do not add up at rest. Return the sum.
+ * Sum in watch.moved the difference of the motions of q and dq [rad or m] while one of them stands still, and return
+ * its size. Up to `allowed` per sample is noise, resolution or bias of dq, which therefore does not add up at rest.
  */
 static double sum_difference(const watch_t *before, int i, double T, double differs, double allowed, sample_t *s)
 {
@@ -81,11 +81,11 @@ static double sum_difference(const watch_t *before, int i, double T, double diff
 }
 
 /*
- * Return the range of the torque for which position and velocity have been the same to the last bit; 0
- * until that has lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp
- * or at a stop; a frozen one does not, nor a velocity that follows from it. In a fault brakes may hold the joint.
+ * Widen the range of torques [N m] under which neither q nor dq changed a bit, and return its width; 0 until that has
+ * lasted for STILL_TIME. A sound encoder shows how far a joint gives way even under friction, in a clamp or at a stop;
+ * a frozen one does not, nor a velocity that follows from it. In a fault, when brakes may hold the joint, it is empty.
  */
-static double find_still_range(const memory_t *m, int i, watch_t *w)
+static double widen_still_range(const memory_t *m, int i, watch_t *w)
 {
     const double acting = m->account.history[i] + m->caller.offset[i];
     const int begins = w->q_age[i] <= 1 || m->fault.reason != ID(REASON_NONE);
@@ -96,14 +96,14 @@ static double find_still_range(const memory_t *m, int i, watch_t *w)
     return long_enough ? w->still_most[i] - w->still_least[i] : 0.0;
 }
 
-/* Check a joint's q and dq for standstill. */
+/* Find a joint whose q and dq move apart by more than drift and resolution, or hold still to the bit under a torque. */
 static finding_t find_frozen(const memory_t *m, int i, double differs, double elapsed, sample_t *s)
 {
     const config_t *const c = &m->config;
     const double drift = larger(RESTING * c->velocity_limit[i], c->velocity_noise);
     const double limit = larger(4.0 * c->position_quantum, drift * WINDOW * c->sample_time);
     const double moved = sum_difference(&m->watch, i, c->sample_time, differs, drift * elapsed, s);
-    const double range = find_still_range(m, i, &s->watch), widest = STILL_RANGE * c->effort_limit[i];
+    const double range = widen_still_range(m, i, &s->watch), widest = STILL_RANGE * c->effort_limit[i];
     if (moved > limit) {
         return find(ID(REASON_FROZEN), i, moved, limit);
     }
