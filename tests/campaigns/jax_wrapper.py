@@ -90,7 +90,7 @@ def test_gradients_have_values_and_no_derivatives(robot, request, double):
 def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
     """Compare each function (of the walker each third) with NumPy: a stack, and gradients of each third one.
 
-    The first function of each signature: also one state, vmap over all or one, forward mode. All share one program.
+    The first function of each signature: also vmap over all or one; of each third, forward mode. All share one program.
     """
     robot = request.getfixturevalue(robot)
     seen = set()
@@ -114,7 +114,8 @@ def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
             close(each, expected)
         if not is_new:
             continue
-        assert_transposed(case, gradients)
+        if len(seen) % 3 == 1:  # forward mode takes as long as all others together
+            assert_transposed(case, gradients)
         first, *others = case.arguments
         shared = [each[0] for each in others]
         alone = jax.vmap(case.function, (0, *[None] * len(shared)))(first, *shared)
