@@ -1928,7 +1928,7 @@ static double find_cap(const config_t *c, const modes_t *modes)
  * Add each joint's own damping of the slip, and brake joints that are faster than SPEED of their velocity limits. The
  * brakes share the damping that the modes leave: an eigenvalue of M^-1 B rises by at most the sum of brake (M^-1)_ii.
  */
-static void damp_joints(const memory_t *m, const design_t *d, const double *slip, double *damper)
+static void add_joint_damping(const memory_t *m, const design_t *d, const double *slip, double *damper)
 {
     double excess[N]; /* velocity beyond SPEED of the limit */
     int fast = 0;     /* joints that have some */
@@ -1962,7 +1962,7 @@ static void damp(const memory_t *m, const double *inverse, double *K, const doub
     damp_modes(&m->config, &modes, w->cap, &d, y);
     from_modes(&modes, K, y);
     multiply_lower(inverse, y, w->damper);
-    damp_joints(m, &d, slip, w->damper);
+    add_joint_damping(m, &d, slip, w->damper);
 }
 
 /* Compute the springs' torque with the posture spring's, their energy and tangent, the zones' torque, and the slip. */

@@ -58,7 +58,7 @@ HAZARD_FAULTS = (
         "test_a_fast_arm_is_braked",
         "brake * excess[i] / fast",
         "0.0 * brake",
-        "static void damp_joints(",
+        "static void add_joint_damping(",
     ),
     HazardFault(
         "pull by a wrong encoder",

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6597b468ded363c1"
+#define SOURCES "41cde4ea57de6e4b"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
