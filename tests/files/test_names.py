@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from pathlib import Path
 
@@ -55,6 +56,8 @@ def described(tmp_path, monkeypatch):
         (package / name).write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
+    # Another test may have looked into a folder of the same second: Python then believes its old listing.
+    importlib.invalidate_caches()
     yield package
     for name in [name for name in sys.modules if name.split(".")[0] == "robot_descriptions"]:
         del sys.modules[name]
