@@ -456,10 +456,12 @@ static void watch_progress(state_t *s, double way)
     s->got += share * (s->way - way - s->got);
     const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
     s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
-    const int nearer = s->by_joints || way < s->least - smaller(NEARER[0] * s->least, NEARER[1]);
+    const int nearer = way < s->least - smaller(NEARER[0] * s->least, NEARER[1]);
     const int away = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s));
-    s->idle = nearer && s->least > ARRIVED && !s->by_joints ? 0 : s->idle + (s->by_joints ? 0 : away);
-    s->least = nearer ? way : s->least;
+    if (!s->by_joints) { /* that way ends by itself */
+        s->idle = nearer && s->least > ARRIVED ? 0 : s->idle + away;
+    }
+    s->least = nearer || s->by_joints ? way : s->least;
     const double more = free || way < ARRIVED ? share : 0.0;
     s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
 }

@@ -54,9 +54,9 @@ def test_there_are_recipes() -> None:
 def changed_package(title: str, folder: Path) -> list[Block]:
     """Make the edits of a recipe in a copy of the package; return the recipe's blocks."""
     package = folder / "stiffgen"
-    shutil.copytree(
-        ROOT / "codegen" / "stiffgen", package
-    )  # compiled modules, too: each stays valid while its file does
+    # Compiled modules, too: each is valid while its file is. Other processes write further ones, and rename them.
+    unfinished = shutil.ignore_patterns("*.pyc.*", "*.tmp")
+    shutil.copytree(ROOT / "codegen" / "stiffgen", package, ignore=unfinished)
     section = recipes()[title]
     for block in section:
         if block.marker == "edit":

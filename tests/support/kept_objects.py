@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Compile a C file once per session: robots of many tests, and copies of one, have the same files.
+"""Compile a C or CUDA file once per session: robots of many tests, and copies of one, have the same files.
 
 Stands in for ``stiffgen.core.emit.build``'s way of running the compiler. An object or library is kept under a digest of
 its preprocessed source, the compiler and its flags. What fails to compile is compiled again by every test.
@@ -16,6 +16,7 @@ from pathlib import Path
 
 from stiffgen.core.emit import build
 
+SOURCES = (".c", ".cu")
 _run = build.run_all
 
 
@@ -44,7 +45,7 @@ class KeptObjects:
 
     def _place(self, command: Sequence[str]) -> Path | None:
         """Return the file for a command's result; None for a command that links objects, or fails."""
-        flags = [word for word in command if not word.endswith(".c") and word != _output(command)]
+        flags = [word for word in command if not word.endswith(SOURCES) and word != _output(command)]
         if any(word.endswith(".o") for word in flags) or len(flags) + 1 == len(command):
             return None
         words = [word for word in command if word not in ("-shared", "-o", _output(command))]

@@ -19,6 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from flint import arb, ctx
 
+from stiffgen.core.emit import build
 from stiffgen.core.lower.ranges import Ranges
 from stiffgen.core.lower.scalar import DOUBLE, SCALARS, Scalar
 from stiffgen.core.robot.chain import Chain
@@ -75,20 +76,6 @@ def can_run(flags: Sequence[str]) -> bool:
     return "-mavx2" not in flags or " avx2 " in known
 
 
-_OBJECTS: dict[tuple[str, ...], bytes] = {}
-"""Objects by command and text: the tests of a robot have the same reference."""
-
-
-def _compile(command: Sequence[str], source: Path, target: Path) -> None:
-    """Compile a file, once for each text of it and of the headers beside it."""
-    texts = [source.read_text(), *(header.read_text() for header in sorted(source.parent.glob("*.h")))]
-    key = (*command, source.name, *texts)
-    if key not in _OBJECTS:
-        subprocess.run([*command, f"-I{source.parent}", str(source), "-o", str(target)], check=True)
-        _OBJECTS[key] = target.read_bytes()
-    target.write_bytes(_OBJECTS[key])
-
-
 class Measured:
     """Functions of a folder's C, and their errors."""
 
@@ -131,15 +118,16 @@ class Measured:
         quads = [re.sub(r"\bdouble\b", longer, each) for each in prototypes if "size_t count" not in each]
         driver.write_text("\n".join([f'#include "{name}.h"', "#include <stdlib.h>", *quads, *drivers]))
         library = work / f"{name}_errors.so"
-        objects = []
-        for each, own_flags in (
-            (work / f"{name}.c", ["-O2", *flags]),
-            (work / f"{quad}.c", ["-O1"]),
-            (driver, ["-O1"]),
-        ):
-            with_quad = compiler if each.name == f"{name}.c" else "gcc"
-            objects.append(str(each.with_suffix(".o")))
-            _compile([with_quad, "-c", "-fPIC", "-w", *own_flags], each, Path(objects[-1]))
+        commands = [
+            [with_quad, "-c", "-fPIC", "-w", *own_flags, f"-I{work}", str(each), "-o", str(each.with_suffix(".o"))]
+            for each, with_quad, own_flags in (
+                (work / f"{name}.c", compiler, ["-O2", *flags]),
+                (work / f"{quad}.c", "gcc", ["-O1"]),
+                (driver, "gcc", ["-O1"]),
+            )
+        ]
+        build.run_all(commands, compiler, work)  # in the tests, KeptObjects': a robot's reference is compiled once
+        objects = [command[-1] for command in commands]
         subprocess.run(["gcc", "-shared", *objects, "-o", str(library), "-lquadmath", "-lm"], check=True)
         self.library = ctypes.CDLL(str(library))
 

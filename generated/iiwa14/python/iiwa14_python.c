@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "41cde4ea57de6e4b"
+#define SOURCES "8c7b51a29ef35e06"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

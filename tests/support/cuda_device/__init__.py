@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiffgen.core.emit import build
 from stiffgen.core.emit.render import render
 from stiffgen.core.options import GenerationOptions
 from stiffgen.core.robot.chain import Chain
@@ -30,7 +31,6 @@ class DeviceCheck:
     def __init__(self, chain: Chain, name: str, options: GenerationOptions, folder: Path, rows: int = 300) -> None:
         """Write the robot's sources, samples and table of launch functions to the folder."""
         self.chain, self.name, self.folder = chain, name, folder
-        self._made: dict[str, tuple[list[str], bytes]] = {}
         self.number = np.float64 if options.scalar == "double" else np.float32
         self.kernels = [kernel for kernel in chain_kernels(chain, options) if kernel.batch]
         folder.mkdir(parents=True, exist_ok=True)
@@ -49,18 +49,17 @@ class DeviceCheck:
     def compile(self, compiler: Sequence[str], options: Sequence[str]) -> Path:
         """Compile with nvcc, or for the host with a C++ compiler; return the program."""
         program, flags = self.folder / "check", [f"-I{HERE}", f"-I{self.folder}", *options]
-        language, objects = [] if compiler[0].endswith("nvcc") else ["-x", "c++"], []
-        for source, command in (
-            (f"{self.name}.c", ["cc", "-std=gnu99", "-O1"]),
-            (f"{self.name}.cu", [*compiler, *flags, *language]),
-            ("launches.cu", [*compiler, *flags, *language]),
-        ):
-            objects.append(str(self.folder / f"{source}.o"))
-            asked = [*command, "-c", str(self.folder / source), "-o", objects[-1]]
-            state = (asked, (self.folder / source).read_bytes())
-            if self._made.get(source) != state:  # a check of many faults changes one source
-                subprocess.run(asked, check=True)
-                self._made[source] = state
+        language = [] if compiler[0].endswith("nvcc") else ["-x", "c++"]
+        commands = [
+            [*command, "-c", str(self.folder / source), "-o", str(self.folder / f"{source}.o")]
+            for source, command in (
+                (f"{self.name}.c", ["cc", "-std=gnu99", "-O1"]),
+                (f"{self.name}.cu", [*compiler, *flags, *language]),
+                ("launches.cu", [*compiler, *flags, *language]),
+            )
+        ]
+        build.run_all(commands, compiler[0], self.folder)  # in the tests, KeptObjects': faults change one source
+        objects = [command[-1] for command in commands]
         subprocess.run([*compiler, *options, *objects, "-lm", "-o", str(program)], check=True)
         return program
 

@@ -20,7 +20,6 @@ typedef struct {
 } refusal_t;
 
 /* ---- functions, by file ---- */
-
 refusal_t accept(void);
 refusal_t refuse(int code, int entry, double seen, double limit);
 refusal_t check_poses(const config_t *c, const double *poses);

@@ -14,7 +14,6 @@
 enum { ROWS = 6 * TIPS };                  /* of the Jacobians of all tips */
 
 /* ---- functions, by file ---- */
-
 int search(const double *poses, const double *tool, const double *start, const double *low, const double *high,
            double *posture);
 
