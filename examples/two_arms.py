@@ -194,18 +194,18 @@ class BoxSession:
 
 def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, origins: Array) -> tuple[Array, Array]:
     """Return the wrenches of the box on both hands (2, 6) at their origins, base axes, and which of them touch it."""
-    wrenches, touches = np.zeros((2, 6)), np.zeros(2, bool)
+    local = np.zeros((data.ncon, 6))  # on each contact's second geom, in the contact's axes
     for k in range(data.ncon):
-        contact, local = data.contact[k], np.zeros(6)
-        names = [model.geom(g).name for g in contact.geom]
-        pad = next(name for name in names if name.endswith("_pad"))
-        mujoco.mj_contactForce(model, data, k, local)
-        frame = contact.frame.reshape(3, 3).T
-        force = frame @ local[:3] * (1.0 if names[1] == pad else -1.0)  # on the second geom
-        moment = frame @ local[3:] * (1.0 if names[1] == pad else -1.0)
-        hand = list(SIDES).index(pad.removesuffix("_pad"))
-        wrenches[hand] += np.concatenate([force, moment + np.cross(contact.pos - origins[hand], force)])
-        touches[hand] = True
+        mujoco.mj_contactForce(model, data, k, local[k])
+    axes = data.contact.frame.reshape(-1, 3, 3)  # rows: the contact's axes in base axes
+    force, moment = (np.einsum("kji,kj->ki", axes, part) for part in (local[:, :3], local[:, 3:]))
+    wrenches, touches = np.zeros((2, 6)), np.zeros(2, bool)
+    for hand, side in enumerate(SIDES):
+        mine = data.contact.geom == model.geom(f"{side}_pad").id
+        sign = mine[:, 1:].astype(float) - mine[:, :1]
+        about_hand = moment + np.cross(data.contact.pos - origins[hand], force)
+        wrenches[hand] = *(sign * force).sum(axis=0), *(sign * about_hand).sum(axis=0)
+        touches[hand] = mine.any()
     return wrenches, touches
 
 

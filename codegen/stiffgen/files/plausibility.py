@@ -125,17 +125,14 @@ def _about_gravity(chain: Chain) -> Iterator[str]:
     """Yield the joints whose effort limit does not carry the arm, where the base's z axis points up."""
     random = np.random.default_rng(46)
     lower, upper = np.array([each.range_within(math.pi) for each in chain.coordinates]).T
-    largest = np.zeros(len(lower))  # of the torques of gravity met so far [N m], [N]
-    for _ in range(_STATES):
-        torque = np.zeros(len(lower))
-        for joint, (rotation, motion) in zip(
-            chain.joints, unit_motions(chain, random.uniform(lower, upper)), strict=True
-        ):
-            moment = rotation @ np.array(joint.body.moment)
-            # z component of the rate of m c at unit rates of the coordinates: m v + w x (m c)
-            rise = joint.body.mass * motion[2] + motion[3] * moment[1] - motion[4] * moment[0]
-            torque += _GRAVITY * rise
-        largest = np.maximum(largest, np.abs(torque))
+    torque = np.zeros((_STATES, len(lower)))  # of gravity [N m], [N]
+    q = random.uniform(lower, upper, torque.shape)
+    for joint, (rotation, motion) in zip(chain.joints, unit_motions(chain, q), strict=True):
+        moment = (rotation @ np.array(joint.body.moment))[:, :, None]
+        # z component of the rate of m c at unit rates of the coordinates: m v + w x (m c)
+        rise = joint.body.mass * motion[:, 2] + motion[:, 3] * moment[:, 1] - motion[:, 4] * moment[:, 0]
+        torque += _GRAVITY * rise
+    largest = np.abs(torque).max(axis=0)
     for coordinate, needed in zip(chain.coordinates, largest, strict=True):
         if coordinate.effort < needed and not chain.loops:
             unit = "N" if coordinate.type == "prismatic" else "N m"

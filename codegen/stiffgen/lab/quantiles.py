@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mpmath
 import numpy as np
 
 
+@lru_cache(maxsize=64)
 def student_quantile(freedom: float, tail: float) -> float:
     """Return the two-sided quantile of Student's t that is exceeded with a probability of ``tail``; by bisection."""
     low, high = 0.0, 1.0  # of freedom / (freedom + t^2), which falls as t grows

@@ -85,7 +85,7 @@ def holds(case: Case) -> bool:
     computed = [each + np.sign(each) * case.error for each in exact]
     angle = rng.uniform(-3, 3, 20000).astype(np.float32).astype(float)
     inputs = [Bound(case.size, case.error), Bound(case.size, case.error), Bound(3.0)]
-    (bound,) = BoundAnalysis(graph, inputs, FLOAT).bounds([number])
+    (bound,) = BoundAnalysis(graph, [number], FLOAT).bounds(inputs)
     true = values(graph, [*exact, angle], np.float64)[number]
     if case.of_size:
         return bool(np.abs(true).max() <= bound.size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -62,12 +63,12 @@ class Scalar:
         """Largest relative error of an operation, half the distance from 1 to the next number."""
         return 2.0**-self.bits
 
-    @property
+    @cached_property
     def smallest(self) -> float:
         """Largest error of an operation whose result is subnormal."""
         return float(np.finfo(self.dtype).smallest_subnormal)
 
-    @property
+    @cached_property
     def largest(self) -> float:
         """Power of two below the largest number."""
         return 2.0 ** (np.finfo(self.dtype).maxexp - 1)

@@ -49,58 +49,64 @@ def is_usable(chain: Chain, nearest: Chain) -> bool:
     """
     random = np.random.default_rng(46)
     lower, upper = np.array([each.range_within(math.pi) for each in chain.coordinates]).T
-    states = [np.clip(np.zeros(len(lower)), lower, upper), lower, upper]
-    states += [random.uniform(lower, upper) for _ in range(_STATES)]
-    for q in states:
-        least, possible = (float(np.linalg.eigvalsh(mass_matrix(each, q))[0]) for each in (chain, nearest))
-        if not least > _LEAST * possible and possible > 0:
-            return False
-    return True
+    ends = [np.clip(np.zeros(len(lower)), lower, upper), lower, upper]
+    q = np.vstack([*ends, random.uniform(lower, upper, (_STATES, len(lower)))])
+    least, possible = (np.linalg.eigvalsh(mass_matrix(each, q))[:, 0] for each in (chain, nearest))
+    return bool(np.all((least > _LEAST * possible) | (possible <= 0)))
 
 
 def mass_matrix(chain: Chain, q: FloatArray) -> FloatArray:
-    """Return the mass matrix of a chain from the bodies of its joints."""
-    matrix = np.zeros((chain.dof, chain.dof))
+    """Return the mass matrices (N, n, n) of a chain at postures (N, n) from the bodies of its joints."""
+    matrix = np.zeros((len(q), chain.dof, chain.dof))
     for joint, (rotation, motion) in zip(chain.joints, unit_motions(chain, q), strict=True):
         body = joint.body
-        matrix += motion.T @ _spatial_inertia(body.mass, body.moment, body.tensor, rotation) @ motion
+        inertia = _spatial_inertia(body.mass, body.moment, body.tensor, rotation)
+        matrix += np.swapaxes(motion, 1, 2) @ inertia @ motion
     return matrix
 
 
 def unit_motions(chain: Chain, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield for each joint the rotation of its frame, and the twists (6, n) of its origin at unit rates, in base axes.
+    """Yield for each joint, at postures q (N, n) [rad], [m], how its frame turns and moves, in base axes.
 
-    The linear part comes first.
+    These are the rotations (N, 3, 3) of the frame and the twists (N, 6, n) of its origin at unit rates of the
+    coordinates, the linear part first. Joints of a floating base are at zero.
     """
-    frames: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    frames: list[tuple[FloatArray, FloatArray]] = []
     for joint in chain.joints:
-        R, p, J = np.eye(3), np.zeros(3), np.zeros((6, chain.dof))
+        R, J = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 6, chain.dof))
         if joint.parent >= 0:
-            R, p, J = frames[joint.parent]
+            R, J = frames[joint.parent]
             J = J.copy()
-        own = joint.coordinate - chain.base_joints  # below 0 for a joint of a floating base, which is at zero
-        position = joint.offset + (joint.multiplier * q[own] if own >= 0 else 0.0)
+        own = joint.coordinate - chain.base_joints  # below 0 for a joint of a floating base
+        position = joint.offset + (joint.multiplier * q[:, own] if own >= 0 else np.zeros(len(q)))
         offset, axis = R @ np.array(joint.translation), np.array(joint.axis)
         R = R @ np.array(joint.rotation)
         if joint.prismatic:
-            offset = offset + R @ axis * position
-        J[:3] += np.cross(J[3:].T, offset).T  # velocity of this joint's origin, moved with the parent: v + w x offset
+            offset = offset + (R @ axis) * position[:, None]
+        J[:, :3] += np.cross(J[:, 3:], offset[:, :, None], axis=1)  # moved with the parent: v + w x offset
         own_rows = slice(0, 3) if joint.prismatic else slice(3, 6)  # its own motion is linear, or angular
-        J[own_rows, joint.coordinate] += joint.multiplier * (R @ axis)
+        J[:, own_rows, joint.coordinate] += joint.multiplier * (R @ axis)
         if not joint.prismatic:
-            cross = np.cross(np.eye(3), axis)
-            R = R @ (np.eye(3) + np.sin(position) * cross + (1 - np.cos(position)) * cross @ cross)
-        frames.append((R, p + offset, J))
+            R = R @ _turned(axis, position)
+        frames.append((R, J))
         yield R, J
 
 
+def _turned(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Return the rotations (N, 3, 3) about a unit axis by angles (N,) [rad], by Rodrigues' formula."""
+    cross = np.cross(np.eye(3), axis)  # cross @ v is axis x v
+    sine, cosine = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + sine * cross + (1 - cosine) * cross @ cross
+
+
 def _spatial_inertia(mass: float, moment: Sequence[float], tensor: Tensor, rotation: FloatArray) -> FloatArray:
-    """Return the 6x6 inertia of a body about its frame's origin, in base axes, linear first."""
+    """Return the inertias (N, 6, 6) of a body about its frame's origin, linear first, at rotations (N, 3, 3)."""
     xx, xy, xz, yy, yz, zz = tensor
     first = rotation @ np.array(moment)
-    skew = np.cross(np.eye(3), first)  # skew @ w is first x w
-    result = np.zeros((6, 6))
-    result[:3, :3] = mass * np.eye(3)
-    result[3:, :3], result[:3, 3:] = skew, -skew
-    result[3:, 3:] = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+    skew = np.cross(np.eye(3), first[:, None, :])  # skew @ w is first x w
+    result = np.zeros((len(rotation), 6, 6))
+    result[:, :3, :3] = mass * np.eye(3)
+    result[:, 3:, :3], result[:, :3, 3:] = skew, -skew
+    turned_back = np.swapaxes(rotation, 1, 2)
+    result[:, 3:, 3:] = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned_back
     return result

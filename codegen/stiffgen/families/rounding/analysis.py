@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 from stiffgen.core.lower.graph import Graph
@@ -37,29 +38,34 @@ ZERO = Bound(0.0)
 
 @dataclass
 class BoundAnalysis:
-    """The bounds of a graph's operations, given those of its inputs."""
+    """The bounds of a graph's operations, given those of its inputs: a loop's body is analysed for each element."""
 
     graph: Graph
-    inputs: Sequence[Bound]
+    outputs: Sequence[int]
+    """Numbers of the operations whose bounds are asked for."""
     scalar: Scalar
     known: Mapping[int, float] = field(default_factory=dict)
     """Sizes of operations that follow from what they are, not from their operands."""
-    found: dict[int, Bound] = field(default_factory=dict)
+    inputs: Sequence[Bound] = field(init=False, default=())
+    found: dict[int, Bound] = field(init=False, default_factory=dict)
+    """Bounds of the operations for the inputs at hand."""
 
-    def bounds(self, numbers: Sequence[int]) -> list[Bound]:
-        """Return the bounds of the operations with these numbers, computed with all that they depend on."""
-        needed, pending = set(numbers), list(numbers)
-        while pending:
-            new = set(self.graph.operands(pending.pop())) - needed
-            needed |= new
-            pending += new
-        for number in sorted(needed):  # operands come before what uses them
+    @cached_property
+    def needed(self) -> list[int]:
+        """What the outputs depend on, operands before what uses them."""
+        return sorted(self.graph.uses(self.outputs))
+
+    def bounds(self, inputs: Sequence[Bound]) -> list[Bound]:
+        """Return the bounds of the outputs, given those of the inputs."""
+        self.inputs, self.found, largest = inputs, {}, self.scalar.largest
+        for number in self.needed:
             bound = self._bound(number)
-            size = min(bound.size, self.known.get(number, math.inf))
-            self.found[number] = Bound(size, bound.error)
-            if not size + bound.error < self.scalar.largest:
+            if number in self.known:
+                bound = Bound(min(bound.size, self.known[number]), bound.error)
+            if not bound.size + bound.error < largest:
                 raise NoBound("numbers beyond the largest one")
-        return [self.found[number] for number in numbers]
+            self.found[number] = bound
+        return [self.found[number] for number in self.outputs]
 
     def _bound(self, number: int) -> Bound:
         """Return the bound of an operation, from those in ``found``: operands have smaller numbers.

@@ -121,19 +121,19 @@ class ErrorBounds:
         for item in function.items:
             _RULES[type(item)](self, function, item, arrays)
 
-    def _body(self, function: Function, body: Body, arrays: Bounds, i: int = 0, j: int = 0) -> list[Bound]:
-        """Return the bounds of a body's outputs at (i, j); marked quantities have the bounds of their kinds, too."""
+    def _analysis(self, function: Function, body: Body) -> BoundAnalysis:
+        """Return the analysis of a body; marked quantities have the bounds of their kinds, too."""
         reach = chain_reach(function.scope.chain, self.ranges, self.scalar) if body.kinds else 0.0
         sizes = {Kind.ROTATION: self.scalar.rotation, Kind.POINT: reach, Kind.ZERO: 0.0, Kind.ONE: 1.0}
         known: dict[int, float] = {}
         for number, kind in body.kinds:
             known[number] = min(sizes[kind], known.get(number, math.inf))
-        inputs = [arrays[each.operand.array.name][each.operand.entry(each.entry, i, j)] for each in body.inputs]
-        return BoundAnalysis(body.graph, inputs, self.scalar, known).bounds([output.number for output in body.outputs])
+        return BoundAnalysis(body.graph, [output.number for output in body.outputs], self.scalar, known)
 
     def _statements(self, function: Function, item: Statements, arrays: Bounds) -> None:
         arrays |= {array.name: [ZERO] * array.size for array in item.step_outputs}  # entries without a place are zero
-        for output, bound in zip(item.body.outputs, self._body(function, item.body, arrays), strict=True):
+        bounds = self._analysis(function, item.body).bounds(_inputs(item.body, arrays))
+        for output, bound in zip(item.body.outputs, bounds, strict=True):
             for place in output.places:
                 _store(arrays, place, bound)
 
@@ -142,17 +142,19 @@ class ErrorBounds:
 
         The operands at i and at j are symbols of their own also where i is j: the printed loop does not know that.
         """
-        array = item.operand.array
+        array, analysis = item.operand.array, self._analysis(function, item.body)
         arrays.setdefault(array.name, [ZERO] * array.size)
         for i, j in item.over.indices(function.scope.chain):
-            for output, bound in zip(item.body.outputs, self._body(function, item.body, arrays, i, j), strict=True):
+            bounds = analysis.bounds(_inputs(item.body, arrays, i, j))
+            for output, bound in zip(item.body.outputs, bounds, strict=True):
                 _store(arrays, output.places[0], bound, i, j)
                 if item.mirror:
                     _store(arrays, output.places[0], bound, j, i)
 
     def _sparse_change(self, function: Function, item: SparseChange, arrays: Bounds) -> None:
         """Analyse the entries that change; the others have the bounds of the start's upper triangle, or are zero."""
-        bounds, n = self._body(function, item.body, arrays), item.output.array.shape[0]
+        bounds = self._analysis(function, item.body).bounds(_inputs(item.body, arrays))
+        n = item.output.array.shape[0]
         entries = [ZERO] * (n * n)
         if item.start:
             start = arrays[item.start.array.name]
@@ -186,7 +188,7 @@ class ErrorBounds:
         for array in step.writes:
             entries = ca.densify(ca.vertcat(*result[array.name]))
             graph, numbers = build_graph(ca.Function("f", [stacked], [entries]))
-            arrays[array.name] = BoundAnalysis(graph, [bound for _, bound in inputs], self.scalar).bounds(numbers)
+            arrays[array.name] = BoundAnalysis(graph, numbers, self.scalar).bounds([bound for _, bound in inputs])
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
         """Analyse the internal function, unless the last call of it had the same bounds of the arguments."""
@@ -235,6 +237,11 @@ _RULES: dict[type, Callable[[ErrorBounds, Function, Any, Bounds], None]] = {
     InvokeKernel: ErrorBounds._invoke_kernel,
 }
 """Rule of each kind of item."""
+
+
+def _inputs(body: Body, arrays: Bounds, i: int = 0, j: int = 0) -> list[Bound]:
+    """Return the bounds of what a body reads at (i, j)."""
+    return [arrays[each.operand.array.name][each.operand.entry(each.entry, i, j)] for each in body.inputs]
 
 
 def _store(arrays: Bounds, place: Entry, bound: Bound, i: int = 0, j: int = 0) -> None:
