@@ -21,6 +21,7 @@ from stiffgen.core.family import FAMILIES
 from stiffgen.rooms import OPTIONAL
 from support.chains import chain_urdf
 from support.project import ROOT
+from support.pythons import IN_A_CHILD
 
 OUTSIDE = ("fri", "ros2")
 """Folders beside the package that can be taken out as well."""
@@ -47,27 +48,18 @@ assert main(["generate", "small.urdf", "--name", "small", *{KERNELS}]) == 0
 assert main(["verify", "generated/small", "--samples", "20"]) == 0
 """
 GENERATE = "import stiffgen; print(stiffgen.generate('{}.urdf', output='whole', build={}))"
-GENERATE_EACH = """import os, sys, traceback
-import casadi, numpy, yourdfpy
+GENERATE_EACH = """
+def generate(folder):
+    os.chdir(folder)
+    sys.path.insert(0, os.path.join(folder, "codegen"))
+    import stiffgen
+    assert stiffgen.__file__.startswith(folder), stiffgen.__file__
+    stiffgen.generate("small.urdf", output="whole", build=False)
 
 for folder in sys.argv[1:]:
-    child = os.fork()
-    if child == 0:
-        try:
-            os.chdir(folder)
-            sys.path.insert(0, os.path.join(folder, "codegen"))
-            import stiffgen
-            assert stiffgen.__file__.startswith(folder), stiffgen.__file__
-            stiffgen.generate("small.urdf", output="whole", build=False)
-        except BaseException:
-            print(folder, file=sys.stderr)
-            traceback.print_exc()
-            os._exit(1)
-        os._exit(0)
-    if os.waitpid(child, 0)[1] != 0:
-        sys.exit(1)
+    in_a_child(generate, folder)
 """
-"""Generate the small robot in each folder by its own package; other packages are imported once for all."""
+"""Generate the small robot in each folder by its own package."""
 ALONE = """import stiffgen
 from stiffgen.core.verify.verify import verify
 folder = stiffgen.generate("small.urdf", name="small", kernels="hybrid", batches=False, masses=False)
@@ -154,7 +146,7 @@ def functions_of(folder: Path) -> dict[str, str]:
 def functions_of_each(houses: Mapping[str, House]) -> dict[str, dict[str, str]]:
     """Return the C functions of the small robot, by file and name, as each house prints them."""
     folders = {name: house.folder for name, house in houses.items()}
-    next(iter(houses.values())).run("-c", GENERATE_EACH, *map(str, folders.values()))
+    next(iter(houses.values())).run("-c", IN_A_CHILD + GENERATE_EACH, *map(str, folders.values()))
     return {name: functions_of(folder / "whole" / "chain") for name, folder in folders.items()}
 
 

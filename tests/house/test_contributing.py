@@ -16,6 +16,7 @@ import pytest
 
 from support.pages import Block, blocks
 from support.project import ROOT, URDF
+from support.pythons import IN_A_CHILD
 
 PAGE = ROOT / "CONTRIBUTING.md"
 
@@ -83,14 +84,10 @@ def test_recipe(title: str, tmp_path: Path) -> None:
 
 VERIFY = "import sys; from stiffgen.cli import main; sys.exit(main(sys.argv[1:]))"
 KINDS = """
-import importlib, os, sys, traceback
 from pathlib import Path
-
 sys.dont_write_bytecode = True  # two programs may have the same size and time
-for package in ("casadi", "numpy", "yourdfpy"):
-    importlib.import_module(package)
 
-def failing(urdf, kind):
+def write_failing(written, urdf, kind):
     import stiffgen
     from stiffgen.cli import kinds
     from stiffgen.core.symbolic.kernels import chain_kernels
@@ -102,23 +99,15 @@ def failing(urdf, kind):
     chain = stiffgen.load_chain(urdf)
     (kernel,) = [each for each in chain_kernels(chain) if each.name == "load_stiffness"]
     checks = check_robot({"load_stiffness": function_of_stacks(chain, kernel)}, chain, 3, 0, None, [kernel])
-    return sorted(failed | (set() if all(check.passed for check in checks) else {"iiwa"}))
+    failed |= set() if all(check.passed for check in checks) else {"iiwa"}
+    written.write_text("\\n".join(sorted(failed)))
 
 urdf, kernel, *programs = sys.argv[1:]
-for program, kind in zip(programs[::2], programs[1::2]):
-    Path(kernel).write_text(Path(program).read_text())
-    child = os.fork()
-    if child == 0:
-        try:
-            Path(program).with_suffix(".txt").write_text("\\n".join(failing(urdf, kind)))
-        except BaseException:
-            traceback.print_exc()
-            os._exit(1)
-        os._exit(0)
-    if os.waitpid(child, 0)[1] != 0:
-        sys.exit(1)
+for program, kind in zip(map(Path, programs[::2]), programs[1::2]):
+    Path(kernel).write_text(program.read_text())
+    in_a_child(write_failing, program.with_suffix(".txt"), urdf, kind)
 """
-"""Write, of a kind of robot (or all) and the iiwa, those on which each program is found wrong; packages load once."""
+"""Write, of a kind of robot (or all) and the iiwa, those on which each program is found wrong."""
 ORACLE = re.compile(r"^ORACLES = .*\n", re.MULTILINE)
 KERNEL = "stiffgen/families/loads/kernels.py"
 SUM = """
@@ -188,7 +177,7 @@ def test_faults_that_one_arm_does_not_have_are_seen_on_the_smallest_robots_of_ev
     for program, fault in zip(programs, faults, strict=True):
         program.write_text(with_fault(text, fault))
     asked = [word for program, fault in zip(programs, faults, strict=True) for word in (str(program), SEEN_ON[fault])]
-    done = run(tmp_path, "-c", KINDS, str(URDF), KERNEL, *asked)
+    done = run(tmp_path, "-c", IN_A_CHILD + KINDS, str(URDF), KERNEL, *asked)
     assert done.returncode == 0, done.stderr
     for program, fault in zip(programs, faults, strict=True):
         found = set(program.with_suffix(".txt").read_text().splitlines())

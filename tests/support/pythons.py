@@ -11,6 +11,23 @@ from pathlib import Path
 
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 """Versions of Python that are supported, where one is installed."""
+IN_A_CHILD = """import os, sys, traceback
+import casadi, numpy, yourdfpy
+
+def in_a_child(work, *arguments):
+    child = os.fork()
+    if child == 0:
+        try:
+            work(*arguments)
+        except BaseException:
+            print(*arguments, file=sys.stderr)
+            traceback.print_exc()
+            os._exit(1)
+        os._exit(0)
+    if os.waitpid(child, 0)[1] != 0:
+        sys.exit(1)
+"""
+"""Beginning of a program that runs copies of the package, each in a child: other packages are imported once for all."""
 
 
 def interpreter(version: str) -> str | None:
