@@ -155,7 +155,7 @@ class Plant:
         """Apply the force of a hanging weight at the present position."""
         if self._weight.any():
             lever = self.data.site_xpos[self._tip] - self.data.xipos[self._held]
-            self.data.xfrc_applied[self._held] = [*self._weight, *_cross(lever, self._weight)]
+            self.data.xfrc_applied[self._held] = [*self._weight, *np.cross(lever, self._weight)]
 
     @property
     def reading(self) -> Array:
@@ -174,16 +174,16 @@ class Plant:
 
     def contact_wrench(self) -> Array:
         """Return the sum of the contact forces on the tool, with which :meth:`wrench` must agree."""
-        total = np.zeros(6)
-        for index in self._tool_contacts():
-            contact, local = self.data.contact[index], np.empty(6)
-            mujoco.mj_contactForce(self.model, self.data, index, local)
-            # On the second geom of the pair, in the contact's axes (rows of the frame), at its position. MuJoCo orders
-            # a pair by the geoms' types: the height field comes first.
-            force, moment = local.reshape(2, 3) @ contact.frame.reshape(3, 3)
-            total[:3] += force
-            total[3:] += moment + _cross(contact.pos - self.data.site_xpos[self._tip], force)
-        return total
+        touching, contacts = self._tool_contacts(), self.data.contact
+        local = np.empty((len(touching), 6))
+        for of_contact, index in zip(local, touching, strict=True):
+            mujoco.mj_contactForce(self.model, self.data, index, of_contact)
+        # On the second geom of the pair, in the contact's axes (rows of the frame), at its position. MuJoCo orders a
+        # pair by the geoms' types: the height field comes first.
+        axes = contacts.frame[touching].reshape(-1, 3, 3)
+        force, moment = np.moveaxis(local.reshape(-1, 2, 3) @ axes, 1, 0)
+        lever = contacts.pos[touching] - self.data.site_xpos[self._tip]
+        return np.concatenate([force.sum(axis=0), (moment + np.cross(lever, force)).sum(axis=0)])
 
     def external_torque(self) -> Array:
         """Joint torques of contacts and hanging weight, J^T wrench [N m]: KUKA's controller estimates these torques."""
@@ -211,10 +211,11 @@ class Plant:
         """Whether a link of the arm touches the surface, which it should not."""
         return bool(self.data.ncon > len(self._tool_contacts()))
 
-    def _tool_contacts(self) -> list[int]:
+    def _tool_contacts(self) -> NDArray[np.intp]:
+        """Return the indices of the contacts between tool and surface."""
         contacts = self.data.contact  # their fields as arrays: one by one they take longer than a step
         held = (self.model.geom_bodyid[contacts.geom] == self._held).any(axis=1)
-        return [int(index) for index in np.flatnonzero(held & (contacts.efc_address >= 0))]
+        return np.flatnonzero(held & (contacts.efc_address >= 0))
 
 
 def _payload(model: mujoco.MjModel, body: int) -> Array:
@@ -224,12 +225,6 @@ def _payload(model: mujoco.MjModel, body: int) -> Array:
     axes = turn.reshape(3, 3)
     tensor = axes @ np.diag(model.body_inertia[body]) @ axes.T + mass * (com @ com * np.eye(3) - np.outer(com, com))
     return np.concatenate([[mass], mass * com, tensor[np.triu_indices(3)]])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """np.cross of two vectors, in a tenth of its time."""
-    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
 def _model(surface: Surface | None, tool: WorkingTool | None, substep: float) -> mujoco.MjModel:
