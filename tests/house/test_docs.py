@@ -82,6 +82,7 @@ def test_pages_stay_few_and_short() -> None:
     counts = {page.name: words(page.read_text()) for page in pages}
     assert len(counts) <= 23
     assert {name: count for name, count in counts.items() if count > 2500} == {"results.md": counts["results.md"]}
+    assert counts["controller.md"] <= 2000 and counts["energy.md"] <= 700
     assert sum(counts.values()) + words((ROOT / "README.md").read_text()) <= 38000
 
 
