@@ -60,9 +60,10 @@ def mass_matrix(chain: Chain, q: ca.SX) -> Expressions:
     result = ca.SX.zeros(len(links), len(links))
     for index, (linear, angular) in enumerate(_momenta(chain, links, turns, q, sections)):
         values: dict[str, ca.SX] = {}
-        result[index, index] = angular[2]
+        result[index, index] = angular[2]  # J_j . h_j: the moment about z
         link, inner = links[index], chain.joints[index].parent
-        while inner >= 0:  # the momentum in the axes of link ``inner``; its joint turns about z
+        while inner >= 0:
+            # from link to its parent ``inner``: its axes, then its origin, then its axes before its joint turned
             linear, angular = ca.densify(link.rotation @ linear), ca.densify(link.rotation @ angular)
             angular = angular + cross(link.translation, linear)
             turn = turns[inner]
@@ -92,13 +93,20 @@ def columns_and_momenta(chain: Chain, q: ca.SX) -> Expressions:
         axis = axes[:, 2]
         column = ca.vertcat(axis, ca.SX.zeros(3)) if joint.prismatic else ca.vertcat(cross(origin, axis), axis)
         linear, angular = ca.densify(axes @ linear), ca.densify(axes @ angular)
-        if joint.parent >= 0 and chain.joints[joint.parent].parent < 0 and not joint.prismatic:
-            # J_j . h_j does not depend on the linear part of h_j. J_i . h_j of the first joint i depends on the
-            # component along its axis (prismatic) or on the components across its axis (revolute).
-            is_sliding = chain.joints[joint.parent].prismatic
-            linear = linear * (_ALONG if is_sliding else 1 - _ALONG)
+        linear = _read_part(chain, joint, linear)
         stacked.append(ca.vertcat(column, linear, angular + cross(origin, linear)))
     return Expressions(ca.densify(ca.horzcat(*stacked)), tuple(sections))
+
+
+def _read_part(chain: Chain, joint: Joint, linear: ca.SX) -> ca.SX:
+    """Return the linear part of h_j, in the axes of the first joint, without components that no J_i . h_j reads.
+
+    If the parent i of a revolute joint j is the first joint, two products read h_j. J_j . h_j reads no linear part.
+    J_i . h_j reads the component along the axis z of i (prismatic), or the components across it (revolute).
+    """
+    if joint.prismatic or joint.parent < 0 or chain.joints[joint.parent].parent >= 0:
+        return linear
+    return linear * (_ALONG if chain.joints[joint.parent].prismatic else 1 - _ALONG)
 
 
 def bias_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
@@ -120,45 +128,67 @@ def joint_forces(chain: Chain, *arguments: ca.SX) -> Expressions:
     q, (base_rotation, _), base_joints = configuration.q, configuration.base, chain.base_joints
     links, base_link = _links(chain)
     sections: list[Section] = []
-    rates = [joint.multiplier * velocity[joint.coordinate] for joint in chain.joints]
-    turns: list[_Turn] = [
-        None if joint.prismatic or index < base_joints else _sine_cosine(chain, joint, q)
-        for index, joint in enumerate(chain.joints)
-    ]
-    values = {f"{letter}{k}": turn[i] for k, turn in enumerate(turns) if turn for i, letter in enumerate("sc")}
-    sections.append(Section("sine and cosine of each joint angle", values))
-    zero = ca.SX(3, 1)
+    turns = _turns(chain, q, sections, of_first=True)
     upward = ca.densify(-(base_rotation.T @ gravity))  # a base that accelerates upwards feels gravity
-    # Per link, in its axes: angular velocity, its rate, acceleration of the origin; force and moment for this motion.
-    motions: list[tuple[ca.SX, ca.SX, ca.SX]] = []
-    wrenches: list[tuple[ca.SX, ca.SX]] = []
+    zero = ca.SX(3, 1)
+    fixed_base = _LinkMotion(zero, zero, upward)
+    motions: list[_LinkMotion] = []
+    wrenches: list[_Wrench] = []  # force and moment for the motion of each link alone
     if base_link is not None:
-        # The rate of the base's twist is zero in the base's axes, so that the base's origin accelerates by w x v.
-        angular = velocity[3:6]
-        motions = base_joints * [(angular, zero, upward + cross(angular, velocity[:3]))]
-        wrenches = base_joints * [_rate_of_momentum(base_link, *motions[0])]
-    for index, (joint, link, turn, rate) in enumerate(zip(chain.joints, links, turns, rates, strict=True)):
-        if index < base_joints:
-            continue
-        angular, angular_rate, linear = motions[joint.parent] if joint.parent >= 0 else (zero, zero, upward)
-        shift, relative = _shift(chain, joint, link, q), rate * _ALONG
-        joint_acceleration = joint.multiplier * acceleration[joint.coordinate] * _ALONG
-        linear = linear + cross(angular_rate, shift) + cross(angular, cross(angular, shift))
-        angular, angular_rate, linear = (  # until here in the parent's axes
-            _into_link(each, link.rotation, turn) for each in (angular, angular_rate, linear)
+        # The base's twist (v, w) has no rate in the base's axes, so that the base's origin accelerates by w x v.
+        v, w = velocity[:3], velocity[3:6]
+        motions = base_joints * [_LinkMotion(w, zero, upward + cross(w, v))]
+        wrenches = base_joints * [_rate_of_momentum(base_link, motions[0])]
+    for index in range(base_joints, len(links)):
+        joint, link = chain.joints[index], links[index]
+        motion = _link_motion(
+            joint,
+            link,
+            turns[index],
+            parent=motions[joint.parent] if joint.parent >= 0 else fixed_base,
+            shift=_shift(chain, joint, link, q),
+            rate=joint.multiplier * velocity[joint.coordinate],
+            acceleration=joint.multiplier * acceleration[joint.coordinate],
         )
-        if joint.prismatic:
-            linear = linear + 2 * cross(angular, relative) + joint_acceleration
-        else:
-            angular, angular_rate = angular + relative, angular_rate + cross(angular, relative) + joint_acceleration
-        motion = ca.densify(angular), ca.densify(angular_rate), ca.densify(linear)
         title = f"link of joint {joint.name}: angular velocity w{index} and its rate e{index}, acceleration a{index}"
-        letters = zip(("w", "e", "a"), motion, strict=True)
-        sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
+        names = {f"w{index}_": motion.angular, f"e{index}_": motion.angular_rate, f"a{index}_": motion.linear}
+        sections.append(Section(title, names))
         motions.append(motion)
-        wrenches.append(_rate_of_momentum(link, *motion))
+        wrenches.append(_rate_of_momentum(link, motion))
     forces = _joint_forces(chain, links, turns, q, wrenches, sections)
     return Expressions(ca.densify(ca.vertcat(*forces)), tuple(sections))
+
+
+@dataclass(frozen=True)
+class _LinkMotion:
+    """Motion of a link in its own axes: angular velocity w, its rate, and acceleration of the origin, ``linear``."""
+
+    angular: ca.SX
+    angular_rate: ca.SX
+    linear: ca.SX
+
+
+def _link_motion(
+    joint: Joint, link: _Link, turn: _Turn, *, parent: _LinkMotion, shift: ca.SX, rate: ca.SX, acceleration: ca.SX
+) -> _LinkMotion:
+    """Return the motion of a link from that of its parent.
+
+    ``shift`` [m] leads from the parent's origin to the link's, in the parent's axes. ``rate`` and ``acceleration`` are
+    those of the joint, along or about its axis z.
+    """
+    w, w_rate = parent.angular, parent.angular_rate
+    linear = parent.linear + cross(w_rate, shift) + cross(w, cross(w, shift))  # of the link's origin, fixed in parent
+    w, w_rate, linear = (_into_link(each, link.rotation, turn) for each in (w, w_rate, linear))
+    relative, joint_acceleration = rate * _ALONG, acceleration * _ALONG
+    if joint.prismatic:
+        linear = linear + 2 * cross(w, relative) + joint_acceleration  # Coriolis' acceleration
+    else:
+        w, w_rate = w + relative, w_rate + cross(w, relative) + joint_acceleration
+    return _LinkMotion(ca.densify(w), ca.densify(w_rate), ca.densify(linear))
+
+
+_Wrench = tuple[ca.SX, ca.SX]
+"""Force [N], and moment [N m] about the origin of a link, in the link's axes."""
 
 
 def _joint_forces(
@@ -166,41 +196,45 @@ def _joint_forces(
     links: list[_Link],
     turns: list[_Turn],
     q: ca.SX,
-    wrenches: list[tuple[ca.SX, ca.SX]],
+    wrenches: list[_Wrench],
     sections: list[Section],
 ) -> list[ca.SX]:
-    """Add up the wrenches of all links inwards; return the wrenches' components along the joints' axes.
+    """Add up the wrenches of all links inwards; return the components along the joints' axes.
 
-    ``wrenches`` holds a force and a moment for each link, and is altered: each link adds its own to its parent's. The
-    joints of a floating base carry one link, the last of them, whose wrench is the force of all six.
+    ``wrenches`` holds the wrench of each link alone. The joints of a floating base carry one link, the last of them,
+    whose total wrench is the force of all six.
     """
     base_joints = chain.base_joints
+    totals = list(wrenches)  # of a link and all links beyond it
     forces: list[ca.SX] = [ca.SX()] * len(links)
-    for index in reversed(range(base_joints, len(links))):
+    for index in reversed(range(base_joints, len(links))):  # children first: a total is complete when it is read
         joint, link = chain.joints[index], links[index]
-        force, moment = wrenches[index]
+        force, moment = totals[index]
         forces[index] = (force if joint.prismatic else moment)[2]
         if joint.parent < 0:
             continue
         force, moment = (_out_of_link(each, link.rotation, turns[index]) for each in (force, moment))
-        moment = moment + cross(_shift(chain, joint, link, q), force)
+        moment = moment + cross(_shift(chain, joint, link, q), force)  # about the parent's origin
         title = f"force f{index} and moment n{index} of all links from joint {joint.name} outwards, in parent's axes"
         sections.append(Section(title, {f"f{index}_": ca.densify(force), f"n{index}_": ca.densify(moment)}))
-        outer_force, outer_moment = wrenches[joint.parent]
-        wrenches[joint.parent] = outer_force + force, outer_moment + moment
+        parents_force, parents_moment = totals[joint.parent]
+        totals[joint.parent] = parents_force + force, parents_moment + moment
     if base_joints:
-        forces[:base_joints] = [each for part in wrenches[base_joints - 1] for each in ca.vertsplit(part)]
+        force, moment = totals[base_joints - 1]
+        forces[:base_joints] = [*ca.vertsplit(force), *ca.vertsplit(moment)]
     return forces
 
 
-def _rate_of_momentum(link: _Link, angular: ca.SX, angular_rate: ca.SX, linear: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the force on a link and the moment about its origin that cause its motion (Newton, Euler).
+def _rate_of_momentum(link: _Link, motion: _LinkMotion) -> _Wrench:
+    """Return the wrench that causes the motion of a link (Newton, Euler).
 
-    ``angular`` is the angular velocity, ``angular_rate`` its rate, ``linear`` the acceleration of the origin.
+    With the mass m, first moment h and inertia I about the link's origin, whose acceleration is a,
+
+        f = m a + w_rate x h + w x (w x h)        n = I w_rate + w x (I w) + h x a
     """
-    moment_rate = cross(angular, link.moment)
-    force = link.mass * linear + cross(angular_rate, link.moment) + cross(angular, moment_rate)
-    moment = link.tensor @ angular_rate + cross(angular, link.tensor @ angular) + cross(link.moment, linear)
+    w, w_rate, a = motion.angular, motion.angular_rate, motion.linear
+    force = link.mass * a + cross(w_rate, link.moment) + cross(w, cross(w, link.moment))
+    moment = link.tensor @ w_rate + cross(w, link.tensor @ w) + cross(link.moment, a)
     return force, moment
 
 
@@ -226,33 +260,36 @@ _Turn = tuple[ca.SX, ca.SX] | None
 """Sine and cosine of a joint's angle; None for a prismatic joint, or where the result does not depend on the angle."""
 
 
-def _turns(chain: Chain, q: ca.SX, sections: list[Section]) -> list[_Turn]:
-    """Return the turn of every joint on which the mass matrix depends, and add their section."""
+def _turns(chain: Chain, q: ca.SX, sections: list[Section], *, of_first: bool = False) -> list[_Turn]:
+    """Return the turn of every joint, and add their section.
+
+    Unless ``of_first``, joints on the base have no turn: the mass matrix does not depend on their angles.
+    """
     section = Section("sine and cosine of each joint angle")
     turns: list[_Turn] = []
     for index, joint in enumerate(chain.joints):
-        if joint.prismatic or joint.parent < 0 or index < chain.base_joints:
+        is_read = of_first or joint.parent >= 0
+        if joint.prismatic or index < chain.base_joints or not is_read:
             turns.append(None)
             continue
-        sine, cosine = _sine_cosine(chain, joint, q)
+        position = joint_position(chain, joint, q)
+        sine, cosine = ca.sin(position), ca.cos(position)
         section.values |= {f"s{index}": sine, f"c{index}": cosine}
         turns.append((sine, cosine))
     sections.append(section)
     return turns
 
 
-def _sine_cosine(chain: Chain, joint: Joint, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    position = joint_position(chain, joint, q)
-    return ca.sin(position), ca.cos(position)
-
-
 def _frames(
     chain: Chain, links: list[_Link], turns: list[_Turn], q: ca.SX, sections: list[Section]
 ) -> list[tuple[ca.SX, ca.SX]]:
-    """Return axes (z along the joint's axis) and origin of each joint at zero position, in the first link."""
+    """Return axes (z along the joint's axis) and origin of each joint, in the first link.
+
+    The axes are those of the joint before it turns its link; only these enter the products with z.
+    """
     frames: list[tuple[ca.SX, ca.SX]] = []
     link_frames: list[tuple[ca.SX, ca.SX]] = []  # the same, turned by the joint's angle
-    parents = {joint.parent for joint in chain.joints}
+    parents = {joint.parent for joint in chain.joints}  # joints whose link frames others read
     for index, (joint, link, turn) in enumerate(zip(chain.joints, links, turns, strict=True)):
         if joint.parent < 0:
             axes, origin = ca.SX.eye(3), ca.SX.zeros(3)
@@ -265,7 +302,8 @@ def _frames(
         link_axes = axes
         if turn is not None:
             s, c = turn
-            link_axes = ca.horzcat(c * axes[:, 0] + s * axes[:, 1], c * axes[:, 1] - s * axes[:, 0], axes[:, 2])
+            x, y, z = ca.horzsplit(axes)
+            link_axes = ca.horzcat(c * x + s * y, c * y - s * x, z)
         if index in parents:
             values = {f"R{index}_": ca.densify(link_axes), f"p{index}_": ca.densify(origin)}
             sections.append(
@@ -281,34 +319,54 @@ def _momenta(
 ) -> list[tuple[ca.SX, ca.SX]]:
     """Return the momentum (linear, angular) of all bodies beyond each joint at a unit rate of the joint.
 
-    Momenta are about the joint's origin, in the joint's axes at zero position. Composite mass, first moment m and
-    inertia I about the joint's origin are added up from the tips inwards.
+    Momenta are about the joint's origin, in the joint's axes at zero position. Mass, first moment m and inertia I of
+    the composite bodies, about the joint's origin, are added up from the tips inwards.
     """
-    beyond = [(link.mass, link.moment, link.tensor) for link in links]
+    composites = [_Composite(link.mass, link.moment, link.tensor) for link in links]
     momenta: list[tuple[ca.SX, ca.SX]] = [(ca.SX(), ca.SX())] * len(links)
-    for index in reversed(range(len(links))):
-        joint, link = chain.joints[index], links[index]
-        mass, moment, tensor = beyond[index]  # in the link's axes
-        turn = turns[index]
+    for index in reversed(range(len(links))):  # children first: a composite is complete when it is read
+        joint, link, turn = chain.joints[index], links[index], turns[index]
+        composite = composites[index]  # in the link's axes
         if turn is not None:  # to the link's axes at the zero position of its joint
-            moment, tensor = _turned(moment, turn), _turned_tensor(tensor, turn)
-        upper = {f"I{index}_{r}{c}": tensor[r, c] for r in range(3) for c in range(r, 3)}
+            moment, tensor = _turned(composite.moment, turn), _turned_tensor(composite.tensor, turn)
+            composite = replace(composite, moment=moment, tensor=tensor)
+        upper = {f"I{index}_{r}{c}": composite.tensor[r, c] for r in range(3) for c in range(r, 3)}
         title = f"all links from joint {joint.name} outwards: first moment m{index} [kg m], inertia I{index} [kg m^2]"
-        sections.append(Section(title, {f"m{index}_": ca.densify(moment), **upper}))
-        if joint.prismatic:  # velocity z at every point: m z, and the first moment x z
-            linear, angular = mass * _ALONG, ca.vertcat(moment[1], -moment[0], 0)
-        else:  # angular velocity z: z x the first moment, and I z
-            linear, angular = ca.vertcat(-moment[1], moment[0], 0), tensor[:, 2]
+        sections.append(Section(title, {f"m{index}_": ca.densify(composite.moment), **upper}))
+        linear, angular = composite.momentum(prismatic=joint.prismatic)
         if joint.parent < 0:  # the components that no parent link needs are zero
             linear, angular = _ALONG * linear, _ALONG * angular
         momenta[index] = linear, angular
         if joint.parent >= 0:
-            shift = _shift(chain, joint, link, q)
-            moment, tensor = link.rotation @ moment, _symmetric(link.rotation @ tensor @ link.rotation.T)
-            moment, tensor = _shifted(mass, moment, tensor, shift)
-            outer = beyond[joint.parent]
-            beyond[joint.parent] = outer[0] + mass, outer[1] + moment, outer[2] + tensor
+            composites[joint.parent] += composite.in_parent(link.rotation, _shift(chain, joint, link, q))
     return momenta
+
+
+@dataclass(frozen=True)
+class _Composite:
+    """Inertia of all links from a joint outwards, about the joint's origin; composites in the same axes add up.
+
+    ``mass`` [kg], ``moment`` (first moment [kg m]) and ``tensor`` [kg m^2].
+    """
+
+    mass: float
+    moment: ca.SX
+    tensor: ca.SX
+
+    def __add__(self, other: _Composite) -> _Composite:
+        return _Composite(self.mass + other.mass, self.moment + other.moment, self.tensor + other.tensor)
+
+    def momentum(self, *, prismatic: bool) -> tuple[ca.SX, ca.SX]:
+        """Return the momentum (linear, angular) at a unit rate of the joint, along or about z."""
+        x, y = self.moment[0], self.moment[1]
+        if prismatic:  # every point has the velocity z: mass z, and first moment x z
+            return self.mass * _ALONG, ca.vertcat(y, -x, 0)
+        return ca.vertcat(-y, x, 0), self.tensor[:, 2]  # the angular velocity is z: z x first moment, and I z
+
+    def in_parent(self, rotation: ca.SX, shift: ca.SX) -> _Composite:
+        """Return the composite in the parent's axes and about its origin; the link has this pose there."""
+        moment, tensor = rotation @ self.moment, _symmetric(rotation @ self.tensor @ rotation.T)
+        return _Composite(self.mass, *_shifted(self.mass, moment, tensor, shift))
 
 
 def _turned(vector: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
@@ -318,20 +376,30 @@ def _turned(vector: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
 
 
 def _turned_tensor(tensor: ca.SX, turn: tuple[ca.SX, ca.SX]) -> ca.SX:
-    """Rotate an inertia tensor about z."""
+    """Rotate an inertia tensor about z: R I R^T with fewer operations.
+
+    Since c^2 = 1 - s^2,
+
+        xx' = c^2 xx - 2 s c xy + s^2 yy = xx - s a        yy' = yy + s a        a = s (xx - yy) + 2 c xy
+        xy' = s c (xx - yy) + (c^2 - s^2) xy = xy + s b                          b = c (xx - yy) - 2 s xy
+    """
     s, c = turn
     xx, xy, xz, yy, yz, zz = (tensor[r, k] for r in range(3) for k in range(r, 3))
-    # c^2 xx - 2 s c xy + s^2 yy = xx - s moved; the other entries likewise, with fewer operations than R I R^T
-    moved, product = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
+    a, b = s * (xx - yy) + 2 * (c * xy), c * (xx - yy) - 2 * (s * xy)
     upper = ca.SX(3, 3)
-    upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * moved, yy + s * moved, zz
-    upper[0, 1] = xy + s * product
+    upper[0, 0], upper[1, 1], upper[2, 2] = xx - s * a, yy + s * a, zz
+    upper[0, 1] = xy + s * b
     upper[0, 2], upper[1, 2] = c * xz - s * yz, s * xz + c * yz
     return ca.triu2symm(upper)
 
 
 def _shifted(mass: float, moment: ca.SX, tensor: ca.SX, shift: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Shift first moment and inertia of a body to a new reference point; ``shift`` points from new to old (Steiner)."""
+    """Return first moment h' and inertia I' of a body about a new point; ``shift`` d points from new to old (Steiner).
+
+    The sums over its particles at r + d, m |r + d|^2 1 - m (r + d) (r + d)^T, give with h the first moment before
+
+        h' = h + m d        I' = I + (d . (h + h')) 1 - (h d^T + d h'^T)
+    """
     new_moment = moment + mass * shift if mass else moment
     outer = moment @ shift.T + shift @ new_moment.T
     steiner = ca.dot(shift, moment + new_moment) * ca.SX.eye(3) - outer
@@ -349,33 +417,40 @@ def _links(chain: Chain) -> tuple[list[_Link], _Link | None]:
     """
     joints = chain.joints
     aligned = [Pose.turned(aligning_rotation(joint.axis)) for joint in joints]  # link axes in the joint's frame
-    poses = []
-    for joint, axes in zip(joints, aligned, strict=True):
-        parent_axes = aligned[joint.parent] if joint.parent >= 0 else Pose.identity()
-        poses.append(parent_axes.inverse() @ Pose.translated(joint.translation) @ Pose.turned(joint.rotation) @ axes)
     bodies = [_inertia(joint.body).seen_from(axes.inverse()) for joint, axes in zip(joints, aligned, strict=True)]
     links: list[_Link] = []
     base_link = None
-    for index in reversed(range(len(joints))):  # children first: each passes its remainder on to its parent's body
-        joint, total = joints[index], bodies[index]
-        if index == chain.base_joints - 1:
-            mass, moment, tensor = total.rounded()
-            base_link = _Link(ca.SX.eye(3), ca.SX.zeros(3), mass, constant(moment), constant(tensor))
-        remainder = _insensitive(total, prismatic=joint.prismatic)
+    for index in reversed(range(len(joints))):  # children first: what they pass on to this body is in it
+        joint, body = joints[index], bodies[index]
+        parent_axes = aligned[joint.parent] if joint.parent >= 0 else Pose.identity()
+        joint_frame = Pose.translated(joint.translation) @ Pose.turned(joint.rotation)  # in the parent joint's frame
+        pose = parent_axes.inverse() @ joint_frame @ aligned[index]
+        if index == chain.base_joints - 1:  # the last of the base's joints carries the base link
+            base_link = _link(Pose.identity(), body, scale=body)
+        passed_on = _insensitive(body, prismatic=joint.prismatic)
         if joint.parent >= 0:
-            bodies[joint.parent] += remainder.seen_from(poses[index])
-        rotation, translation = poses[index].rounded()
-        mass, moment, tensor = (total - remainder).rounded(scale=total)
-        links.append(_Link(constant(rotation), constant(translation), mass, constant(moment), constant(tensor)))
+            bodies[joint.parent] += passed_on.seen_from(pose)
+        links.append(_link(pose, body - passed_on, scale=body))
     return links[::-1], base_link
 
 
+def _link(pose: Pose, inertia: Inertia, *, scale: Inertia) -> _Link:
+    """Return a link with its pose in its parent; entries that are negligible against those of ``scale`` become 0."""
+    rotation, translation = pose.rounded()
+    mass, moment, tensor = inertia.rounded(scale=scale)
+    return _Link(constant(rotation), constant(translation), mass, constant(moment), constant(tensor))
+
+
 def _insensitive(body: Inertia, *, prismatic: bool) -> Inertia:
-    """Return the part of a body's inertia that does not depend on the position of its joint (about or along z)."""
+    """Return the part of a body's inertia that does not depend on the position of its joint (about or along z).
+
+    Along z a body only slides: its tensor stays. About z a rod along z looks the same at every angle: all of the mass
+    and of the first moment along z, and of the tensor yy in x and y, which leaves xx - yy in x and 0 in y.
+    """
     no_inertia = Inertia.zero()
     if prismatic:
         return replace(no_inertia, tensor=body.tensor)
-    (zero, *_), yy = no_inertia.moment, body.tensor[1][1]
+    zero, yy = no_inertia.mass, body.tensor[1][1]
     rod = ((yy, zero, zero), (zero, yy, zero), (zero, zero, zero))
     return Inertia(body.mass, (zero, zero, body.moment[2]), rod)
 

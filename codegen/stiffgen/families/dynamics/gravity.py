@@ -30,8 +30,10 @@ def axes_and_moment_rates(chain: Chain, q: ca.SX) -> Expressions:
     masses = MovedMasses(chain, q)
     columns = []
     for joint, axis, mass, moment in zip(chain.joints, masses.axes, masses.masses, masses.moments, strict=True):
-        is_sliding = joint.prismatic
-        columns.append(ca.vertcat(ca.SX.zeros(3), mass * axis) if is_sliding else ca.vertcat(axis, cross(axis, moment)))
+        turning_axis, moment_rate = axis, cross(axis, moment)
+        if joint.prismatic:
+            turning_axis, moment_rate = ca.SX.zeros(3), mass * axis
+        columns.append(ca.vertcat(turning_axis, moment_rate))
     rows = ca.vec(ca.horzcat(*columns).T)
     return Expressions(ca.densify(ca.vertcat(rows, masses.first_moment)), tuple(masses.sections))
 
@@ -72,15 +74,23 @@ class MovedMasses:
 
     def __init__(self, chain: Chain, q: ca.SX) -> None:
         """Place all joints in base axes, then sum masses and first moments from tips to base."""
-        r = PoseRecursion(chain, q)
         self.rotations: list[ca.SX] = []
         self.offsets: list[ca.SX] = []
         self.axes: list[ca.SX] = []
-        # Outwards: rotations, offsets and axes.
-        for k in range(chain.base_joints):  # in the base link's axes
+        self.sections: list[Section] = []
+        self._place_outwards(chain, q)
+        self.masses = [joint.body.mass for joint in chain.joints]
+        self.moments = [R @ constant(j.body.moment) for R, j in zip(self.rotations, chain.joints, strict=True)]
+        self.first_moment = ca.SX.zeros(3)
+        self._sum_inwards(chain)
+
+    def _place_outwards(self, chain: Chain, q: ca.SX) -> None:
+        """Append rotation, offset and axis of each joint; the six joints of a floating base stay at its origin."""
+        r = PoseRecursion(chain, q)
+        for k in range(chain.base_joints):
             self.rotations.append(ca.SX.eye(3))
             self.offsets.append(ca.SX.zeros(3))
-            self.axes.append(ca.SX.eye(3)[:, k % 3])
+            self.axes.append(ca.SX.eye(3)[:, k % 3])  # along, then about x, y, z
         for index, joint in enumerate(chain.joints[chain.base_joints :], start=chain.base_joints):
             parent = self.rotations[joint.parent] if joint.parent >= 0 else ca.SX.eye(3)
             offset, auxiliary = parent @ constant(joint.translation), parent @ r.rotation_in_parent(index)
@@ -94,21 +104,24 @@ class MovedMasses:
             self.rotations.append(auxiliary @ r.rotation_to_urdf_frame(index))
             self.offsets.append(ca.densify(offset))
             self.axes.append(axis)
-        # Inwards: each joint's sums are complete when they are added to those of its parent.
-        self.masses = [joint.body.mass for joint in chain.joints]
-        self.moments = [R @ constant(j.body.moment) for R, j in zip(self.rotations, chain.joints, strict=True)]
-        self.first_moment = ca.SX.zeros(3)
+        self.sections += r.sections
+
+    def _sum_inwards(self, chain: Chain) -> None:
+        """Add masses and first moments of each joint to those of its parent, the outermost joints first.
+
+        Before, they are those of the joint's own body; the sums are complete when they are added to the parent's.
+        """
         for index in reversed(range(len(chain.joints))):
             joint, mass = chain.joints[index], self.masses[index]
-            moment = self.moments[index] = ca.densify(self.moments[index])
+            moment = ca.densify(self.moments[index])
+            self.moments[index] = moment
             if index >= chain.base_joints - 1:
                 point = f"joint {joint.name}'s origin" if index >= chain.base_joints else "the base link's origin"
                 title = f"first moment s{index} [kg m] of all bodies beyond {point}, about that point"
-                r.sections.append(Section(title, {f"s{index}_": moment}))
-            shifted = moment + mass * self.offsets[index]
+                self.sections.append(Section(title, {f"s{index}_": moment}))
+            about_parent = moment + mass * self.offsets[index]
             if joint.parent >= 0:
                 self.masses[joint.parent] += mass
-                self.moments[joint.parent] += shifted
+                self.moments[joint.parent] += about_parent
             else:
-                self.first_moment += shifted
-        self.sections = r.sections
+                self.first_moment += about_parent

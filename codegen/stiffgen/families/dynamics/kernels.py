@@ -28,45 +28,45 @@ def mass_matrix(chain: Chain, result: Argument) -> Program:
     # Sums over prismatic joints can overflow, and only the results of loops are guarded against infinity.
     if m <= MAX_UNROLLED_MASS_JOINTS and not chain.coupled and not any(joint.prismatic for joint in chain.joints):
         heading = "M_ij = J_i . h_j: component of h_j along the axis of joint i, in the axes of link i"
-        return (StraightLine((result.array(chain),), dynamics.mass_matrix, (Q.array(chain),), heading=heading),)
+        outputs, arguments = (result.array(chain),), (Q.array(chain),)
+        return (StraightLine(outputs, dynamics.mass_matrix, arguments, heading=heading),)
 
     def steps(output: Array) -> Program:
         J, h = Array("J", (6, m)), Array("h", (6, m))
         heading = "Jacobian columns J, and momenta h at unit rates of the joints"
         recursion = StraightLine((J, h), dynamics.columns_and_momenta, (Q.array(chain),), heading=heading, columns=2)
-        return recursion, *pairs_on_the_way(chain, J, h, output, "M_ij = J_i . h_j", ca.dot)
+        return recursion, *pairs_on_the_way(chain, J, h, output, formula="M_ij = J_i . h_j", body=ca.dot)
 
     return over_joints(chain, result, steps, mirror=True)
 
 
 def bias_forces(chain: Chain, result: Argument, acceleration: Array | None = None) -> Program:
     """Return the program of the joint forces at constant rates or with an acceleration, summed into coordinates."""
-    arguments = (*configuration_arguments(runtime_tool=False, floating=chain.floating), VELOCITY, GRAVITY)
-    arrays = [argument.array(chain) for argument in arguments]
-    return over_joints(
-        chain,
-        result,
-        lambda output: (
-            StraightLine(
-                (output,),
-                dynamics.joint_forces if acceleration else dynamics.bias_forces,
-                (*arrays, *((acceleration,) if acceleration else ())),
-                heading="joint forces: components along the joints' axes",
-            ),
-        ),
-    )
+    configuration = configuration_arguments(runtime_tool=False, floating=chain.floating)
+    arguments = [argument.array(chain) for argument in (*configuration, VELOCITY, GRAVITY)]
+    expressions = dynamics.bias_forces
+    if acceleration:
+        arguments, expressions = [*arguments, acceleration], dynamics.joint_forces
+
+    def steps(output: Array) -> Program:
+        heading = "joint forces: components along the joints' axes"
+        return (StraightLine((output,), expressions, tuple(arguments), heading=heading),)
+
+    return over_joints(chain, result, steps)
 
 
 def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
     """Return the step that the kernels of gravity share, with its arrays: columns (a_j, w_j), and the first moment."""
     columns, moment = Array("C", (6, len(chain.joints))), Array("first_moment", (3,))
-    heading = "axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies"
-    meaning = (
-        "Axes a_j of revolute joints, derivatives w_j of the first moment of all bodies with respect to q_j, and that "
-        "first moment; in base axes"
-    )
     step = StraightLine(
-        (columns, moment), gravity.axes_and_moment_rates, (Q.array(chain),), "gravity_columns", heading, meaning, 1
+        outputs=(columns, moment),
+        expressions=gravity.axes_and_moment_rates,
+        arguments=(Q.array(chain),),
+        name="gravity_columns",
+        heading="axes a of revolute joints (rows 0..2), moment rates w (rows 3..5); first moment of all bodies",
+        meaning="Axes a_j of revolute joints, derivatives w_j of the first moment of all bodies with respect to q_j, "
+        "and that first moment; in base axes",
+        columns=1,
     )
     return step, columns, moment
 
@@ -74,8 +74,11 @@ def _gravity_columns(chain: Chain) -> tuple[StraightLine, Array, Array]:
 def gravity_energy(chain: Chain, result: Argument) -> Program:
     """Return the program of the potential energy of all bodies."""
     recursion, _, moment = _gravity_columns(chain)
-    arguments = moment, *(a.array(chain) for a in (GRAVITY, *((BASE_POSE,) if chain.floating else ())))
-    heading = "U = -g . (R first moment + m p), R and p of the base" if chain.floating else "U = -g . first moment"
+    arguments: tuple[Array, ...] = (moment, GRAVITY.array(chain))
+    heading = "U = -g . first moment"
+    if chain.floating:
+        arguments = (*arguments, BASE_POSE.array(chain))
+        heading = "U = -g . (R first moment + m p), R and p of the base"
     return recursion, StraightLine((result.array(chain),), gravity.potential_energy, arguments, heading=heading)
 
 
@@ -101,7 +104,8 @@ def gravity_joint_stiffness(chain: Chain, result: Argument) -> Program:
 
     def steps(output: Array) -> Program:
         def pairs(into: Array) -> Program:
-            return pairs_on_the_way(chain, C, u, into, "Kq_ij = a_i . u_j", gravity.second_derivative)
+            formula = "Kq_ij = a_i . u_j"
+            return pairs_on_the_way(chain, C, u, into, formula=formula, body=gravity.second_derivative)
 
         connected = with_base_connection(chain, output, pairs, operands, gravity.moment_rate)
         return recursion, *rotation, covectors, *connected
@@ -115,15 +119,18 @@ _MASS = Argument(
 
 
 _MASS_MATRIX = Kernel(
-    "mass_matrix", None, (arguments.Q,), (_MASS,),
-    "Joint-space mass matrix.",
-    "M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
-    partial(mass_matrix, result=_MASS),
-    "Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of q. Rotor "
-    "inertias are not included, since a URDF does not hold them.",
+    name="mass_matrix",
+    group=None,
+    arguments=(arguments.Q,),
+    results=(_MASS,),
+    summary="Joint-space mass matrix.",
+    equation="M_ij = J_i . I^c_j J_j, composite bodies (Featherstone 2008)",
+    program=partial(mass_matrix, result=_MASS),
+    note="Links beyond the chain move with it: their joints stay at zero, except joints that mimic a coordinate of q. "
+    "Rotor inertias are not included, since a URDF does not hold them.",
     batch=True,
     of_masses=True,
-)  # fmt: skip
+)
 
 
 _BIAS = Argument(
@@ -144,13 +151,21 @@ _GRAVITY_STIFFNESS = Argument("joint_stiffness", ("n", "n"), "N m/rad", "d2U/dq2
 
 
 def _gravity_kernel(
-    inputs: tuple[Argument, ...], result: Argument, summary: str, equation: str, program: Callable[..., Program]
+    inputs: tuple[Argument, ...], result: Argument, *, summary: str, equation: str, program: Callable[..., Program]
 ) -> Kernel:
-    """Return a kernel of the group ``gravity``."""
+    """Return a kernel of the group ``gravity``, named as its result."""
     return Kernel(
-        result.name, "gravity", inputs, (result,), summary, equation, partial(program, result=result),
-        _MASS_MATRIX.note, batch=True, of_masses=True,
-    )  # fmt: skip
+        name=result.name,
+        group="gravity",
+        arguments=inputs,
+        results=(result,),
+        summary=summary,
+        equation=equation,
+        program=partial(program, result=result),
+        note=_MASS_MATRIX.note,
+        batch=True,
+        of_masses=True,
+    )
 
 
 _STATIC_TORQUE = Argument(
@@ -169,13 +184,17 @@ def _static_torque(tips: Sequence[Tip], *, runtime_tool: bool, floating: bool) -
         names = [tip.name for tip in tips]
         inputs = tuple(each if each.of_configuration else each.of_all_tips(names) for each in inputs)
     return Kernel(
-        _STATIC_TORQUE.name, None, (*inputs, arguments.GRAVITY), (_STATIC_TORQUE,),
-        "Derivative of the joint torques at rest under gravity and constant wrenches.",
-        "d(dU/dq - J^T F)/dq, with J and F in hybrid representation",
-        partial(static_torque.static_torque_derivatives, result=_STATIC_TORQUE, inputs=inputs),
-        f"The torque dU/dq - J^T F holds the robot. {_MASS_MATRIX.note}",
-        batch=True, of_masses=True,
-    )  # fmt: skip
+        name=_STATIC_TORQUE.name,
+        group=None,
+        arguments=(*inputs, arguments.GRAVITY),
+        results=(_STATIC_TORQUE,),
+        summary="Derivative of the joint torques at rest under gravity and constant wrenches.",
+        equation="d(dU/dq - J^T F)/dq, with J and F in hybrid representation",
+        program=partial(static_torque.static_torque_derivatives, result=_STATIC_TORQUE, inputs=inputs),
+        note=f"The torque dU/dq - J^T F holds the robot. {_MASS_MATRIX.note}",
+        batch=True,
+        of_masses=True,
+    )
 
 
 def dynamics_kernels(
@@ -188,25 +207,37 @@ def dynamics_kernels(
     return (
         _MASS_MATRIX,
         Kernel(
-            "bias_forces", None, (*configuration, arguments.VELOCITY, arguments.GRAVITY), (_BIAS,),
-            "Bias forces: Coriolis, centrifugal and gravity forces.",
-            "C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
-            partial(bias_forces, result=_BIAS),
-            f"Zero gravity gives the Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
+            name="bias_forces",
+            group=None,
+            arguments=(*configuration, arguments.VELOCITY, arguments.GRAVITY),
+            results=(_BIAS,),
+            summary="Bias forces: Coriolis, centrifugal and gravity forces.",
+            equation="C(q, dq) dq + dU/dq, recursive Newton-Euler algorithm (Luh, Walker, Paul 1980)",
+            program=partial(bias_forces, result=_BIAS),
+            note=f"Zero gravity gives the Coriolis and centrifugal forces alone. {_MASS_MATRIX.note}",
             batch=True,
             of_masses=True,
         ),
         _gravity_kernel(
-            falling, _GRAVITY_ENERGY, "Potential energy of gravity.", "U = -g . sum of m_k c_k",
-            gravity_energy,
+            falling,
+            _GRAVITY_ENERGY,
+            summary="Potential energy of gravity.",
+            equation="U = -g . sum of m_k c_k",
+            program=gravity_energy,
         ),
         _gravity_kernel(
-            falling, _GRAVITY_GRADIENT, "Gravity torque: gradient of the potential energy.", "dU/dq_j = -g . w_j",
-            gravity_gradient,
+            falling,
+            _GRAVITY_GRADIENT,
+            summary="Gravity torque: gradient of the potential energy.",
+            equation="dU/dq_j = -g . w_j",
+            program=gravity_gradient,
         ),
         _gravity_kernel(
-            falling, _GRAVITY_STIFFNESS, "Joint stiffness of gravity: Hessian of the potential energy.",
-            f"d2U/dq_i dq_j = a_i . (g x w_j){base}", gravity_joint_stiffness,
+            falling,
+            _GRAVITY_STIFFNESS,
+            summary="Joint stiffness of gravity: Hessian of the potential energy.",
+            equation=f"d2U/dq_i dq_j = a_i . (g x w_j){base}",
+            program=gravity_joint_stiffness,
         ),
         _static_torque(tips, runtime_tool=runtime_tool, floating=floating),
-    )  # fmt: skip
+    )

@@ -13,7 +13,7 @@ where x are the velocity coordinates, the motion has a constant rate, and A move
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -30,11 +30,15 @@ from stiffgen.core.verify.result import Check, Kernels, left_out, relative_error
 _BOUND = 1e-8
 """Tolerance relative to the largest entry: differences of poses lose digits."""
 _STEP = 0.02
+"""Step of the fastest coordinate [rad or m]: longer ones leave ninth derivatives, shorter ones rounding."""
 _FIRST = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-"""Weights of the eighth-order central difference of a first derivative."""
-_SECOND = {0: -205 / 72, 1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
-"""Weights of the eighth-order central difference of a second derivative."""
+"""Weights of the eighth-order central difference of a first derivative, by the number of steps from the centre."""
+_CENTRE = -205 / 72
+_SECOND = {1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
+"""Weights of the eighth-order central difference of a second derivative; the centre has ``_CENTRE``."""
 _MOVING = ("revolute", "continuous", "prismatic")
+_KERNELS = ("mass_matrix", "bias_forces", "gravity_gradient")
+"""Kernels that are compared."""
 ORACLE = "URDF's XML, differences of poses"
 
 
@@ -61,18 +65,20 @@ def check_masses(
     model = _Model.read(urdf, chain) if chain.masses else "the folder was generated without masses"
     if isinstance(model, str):
         return [left_out("masses", model)]
-    references: dict[str, list[FloatArray]] = {"mass_matrix": [], "bias_forces": [], "gravity_gradient": []}
-    for k in range(count):
-        matrix, bias, pull = model.dynamics(*(samples[each][k] for each in (Q, BASE_POSE, VELOCITY, GRAVITY)))
-        for name, value in zip(references, (matrix, bias, pull), strict=True):
-            references[name].append(value)
+    states = [
+        model.dynamics(
+            samples[Q][k], base_pose=samples[BASE_POSE][k], rates=samples[VELOCITY][k], gravity=samples[GRAVITY][k]
+        )
+        for k in range(count)
+    ]
     checks = []
     for kernel in table:
-        if kernel.qualified_name in references:
+        name = kernel.qualified_name
+        if name in _KERNELS:
             stacks = [samples[argument][:count] for argument in kernel.arguments]
-            reference = np.array(references[kernel.qualified_name])
-            errors = relative_errors(kernels[kernel.qualified_name](*stacks), reference)
-            checks.append(Check(kernel.qualified_name, ORACLE, float(errors.max()), _BOUND, errors=errors))
+            reference = np.array([of_state[name] for of_state in states])
+            errors = relative_errors(kernels[name](*stacks), reference)
+            checks.append(Check(name, ORACLE, float(errors.max()), _BOUND, errors=errors))
     return checks
 
 
@@ -140,36 +146,52 @@ class _Model:
         return names
 
     def dynamics(
-        self, q: FloatArray, base_pose: FloatArray, rates: FloatArray, gravity: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return mass matrix, bias forces and gravity gradient at a state, by the formulas of the module's head."""
+        self, q: FloatArray, *, base_pose: FloatArray, rates: FloatArray, gravity: FloatArray
+    ) -> dict[str, FloatArray]:
+        """Return the values of ``_KERNELS`` at a state, by the formulas of the module's head."""
         base_joints = self.chain.base_joints
         start = base_pose if base_joints else np.eye(4)
 
         def moved(x: FloatArray) -> FloatArray:
-            """Return the poses (links, 4, 4) after a motion of all velocity coordinates from the state."""
+            """Return the poses (links, 4, 4) after a motion x of all velocity coordinates from the state."""
             base = start @ _exponential(x[:base_joints]) if base_joints else start
             return self.poses(q + x[base_joints:], base)
 
-        def along(direction: FloatArray, weights: Mapping[int, float], order: int) -> FloatArray:
-            """Return the first or second derivative of the poses along a direction, by central differences."""
-            step = _STEP / max(1.0, float(np.abs(direction).max()))
-            sign = -1.0 if order == 1 else 1.0
-            total = weights.get(0, 0.0) * moved(0.0 * direction)
-            for k, weight in weights.items():
-                if k:
-                    total = total + weight * (moved(k * step * direction) + sign * moved(-k * step * direction))
-            return np.asarray(total / step**order)
-
+        units = np.eye(len(rates))
+        columns = np.array([_first_derivative(moved, unit) for unit in units])  # dH/dx_i, (n, links, 4, 4)
+        accelerations = _second_derivative(moved, rates)  # d2H/dt2, (links, 4, 4)
         bodies = np.array([self.bodies[link] for link in self.links()])  # P, (links, 4, 4)
-        columns = np.array([along(unit, _FIRST, 1) for unit in np.eye(len(rates))])  # dH/dx_i, (n, links, 4, 4)
-        momenta = columns @ bodies
-        falling = np.zeros((4, 4))
+        momenta = columns @ bodies  # dH/dx_i P
+        falling = np.zeros((4, 4))  # A: a point (x, 1) accelerates by gravity
         falling[:3, 3] = gravity
+        # trace(X Y^T) is the sum of X_ab Y_ab; i and j are coordinates, l is a link.
+        inertia = np.einsum("ilab,lab->i", momenta, accelerations)
+        weight = -np.einsum("ilab,ab->i", momenta, falling)
         matrix = np.einsum("ilab,jlab->ij", momenta, columns)
-        pull = -np.einsum("ilab,ab->i", momenta, falling)
-        bias = np.einsum("ilab,lab->i", momenta, along(rates, _SECOND, 2))
-        return matrix, bias + pull, pull
+        return {"mass_matrix": matrix, "bias_forces": inertia + weight, "gravity_gradient": weight}
+
+
+_MovedPoses = Callable[[FloatArray], FloatArray]
+"""Function that returns the poses (links, 4, 4) after a motion of the velocity coordinates (n)."""
+
+
+def _step(direction: FloatArray) -> float:
+    """Return the factor with which the fastest coordinate of a direction moves by ``_STEP`` at most."""
+    return _STEP / max(1.0, float(np.abs(direction).max()))
+
+
+def _first_derivative(moved: _MovedPoses, direction: FloatArray) -> FloatArray:
+    """Return the first derivative of the poses along a direction, by central differences."""
+    step = _step(direction)
+    changes = (weight * (moved(k * step * direction) - moved(-k * step * direction)) for k, weight in _FIRST.items())
+    return np.asarray(sum(changes) / step)
+
+
+def _second_derivative(moved: _MovedPoses, direction: FloatArray) -> FloatArray:
+    """Return the second derivative of the poses along a direction, by central differences."""
+    step = _step(direction)
+    pairs = (weight * (moved(k * step * direction) + moved(-k * step * direction)) for k, weight in _SECOND.items())
+    return np.asarray((_CENTRE * moved(0.0 * direction) + sum(pairs)) / step**2)
 
 
 def _link(joint: ElementTree.Element, which: str) -> str:
@@ -185,20 +207,21 @@ def _numbers(element: ElementTree.Element | None, name: str, default: str) -> Fl
 
 
 def _origin(element: ElementTree.Element) -> FloatArray:
-    """Return the pose (4x4) [m] in an element's <origin>, from roll, pitch and yaw or a quaternion; the identity
-    without.
+    """Return the pose (4x4) [m] in an element's <origin>, from roll, pitch and yaw or a quaternion.
+
+    Without the element, the pose is the identity.
     """
     origin, pose = element.find("origin"), np.eye(4)
     pose[:3, 3] = _numbers(origin, "xyz", "0 0 0")
     if origin is not None and origin.get("quat_xyzw") is not None:  # URDF 1.1
-        x, y, z, w = (quaternion := _numbers(origin, "quat_xyzw", "")) / np.linalg.norm(quaternion)
+        quaternion = _numbers(origin, "quat_xyzw", "")
+        x, y, z, w = quaternion / np.linalg.norm(quaternion)
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         pose[:3, :3] = np.eye(3) + 2 * w * cross + 2 * cross @ cross
         return pose
     roll, pitch, yaw = _numbers(origin, "rpy", "0 0 0")
-    for axis, angle in ((5, yaw), (4, pitch), (3, roll)):
-        pose = pose @ _exponential(angle * np.eye(6)[axis])
-    return pose
+    about_x, about_y, about_z = np.eye(6)[3:]  # unit twists, linear first
+    return pose @ _exponential(yaw * about_z) @ _exponential(pitch * about_y) @ _exponential(roll * about_x)
 
 
 def _motion(joint: ElementTree.Element, position: float) -> FloatArray:
@@ -206,23 +229,29 @@ def _motion(joint: ElementTree.Element, position: float) -> FloatArray:
     if joint.get("type") not in _MOVING:
         return np.eye(4)
     axis = _numbers(joint.find("axis"), "xyz", "1 0 0")
-    way = position * axis / np.linalg.norm(axis)
-    sliding = joint.get("type") == "prismatic"
-    return _exponential(np.concatenate([way, np.zeros(3)] if sliding else [np.zeros(3), way]))
+    along_axis = position * axis / np.linalg.norm(axis)
+    if joint.get("type") == "prismatic":
+        return _exponential(np.concatenate([along_axis, np.zeros(3)]))
+    return _exponential(np.concatenate([np.zeros(3), along_axis]))
 
 
 def _exponential(motion: FloatArray) -> FloatArray:
-    """Return the motion exp of a constant twist (linear first), by Rodrigues' formulas."""
-    linear, angular = motion[:3], motion[3:]
-    angle = float(np.linalg.norm(angular))
-    x, y, z = angular
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    # NumPy's sinc(x) is sin(pi x)/(pi x): half is (1 - cos a)/a^2, third (a - sin a)/a^3, near 0 by its series.
-    half = 0.5 * np.sinc(angle / (2 * math.pi)) ** 2
-    third = (1.0 - np.sinc(angle / math.pi)) / angle**2 if angle > 1e-3 else 1 / 6 - angle**2 / 120
+    """Return the motion exp of a constant twist (v, w), by Rodrigues' formulas.
+
+    With the angle a = |w|, the rotation is I + sin(a)/a [w] + (1 - cos a)/a^2 [w]^2, and the translation is
+    v + (1 - cos a)/a^2 [w] v + (a - sin a)/a^3 [w]^2 v. Up to 1e-3 rad the last factor is its series, since the
+    difference cancels.
+    """
+    v, w = motion[:3], motion[3:]
+    angle = float(np.linalg.norm(w))
+    x, y, z = w
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # [w]
+    sine = np.sinc(angle / math.pi)  # sin(a)/a: NumPy's sinc(x) is sin(pi x)/(pi x)
+    cosine = 0.5 * np.sinc(angle / (2 * math.pi)) ** 2  # (1 - cos a)/a^2 = 2 sin(a/2)^2/a^2
+    remainder = (1.0 - sine) / angle**2 if angle > 1e-3 else 1 / 6 - angle**2 / 120  # (a - sin a)/a^3
     pose = np.eye(4)
-    pose[:3, :3] += np.sinc(angle / math.pi) * cross + half * (cross @ cross)
-    pose[:3, 3] = linear + half * (cross @ linear) + third * (cross @ cross @ linear)
+    pose[:3, :3] += sine * cross + cosine * (cross @ cross)
+    pose[:3, 3] = v + cosine * (cross @ v) + remainder * (cross @ cross @ v)
     return pose
 
 

@@ -54,15 +54,17 @@ def differentiated(
     rates, gravity = ca.SX.sym("dq", *coordinates.shape), ca.SX.sym("g", 3)
     kinetic, potential = ca.SX(0), potential_energy(chain, poses, gravity)
     for joint, pose in zip(chain.joints, poses, strict=True):
-        moving = ca.jtimes(ca.vec(pose), coordinates, rates).reshape((4, 4))
-        kinetic += ca.trace(moving @ _second_moments(joint.body) @ moving.T) / 2
-    # Lagrange: d/dt (dT/d rates) - dT/dq + dU/dq at constant rates
-    mass_matrix, momentum = ca.hessian(kinetic, rates)
+        pose_rate = ca.jtimes(ca.vec(pose), coordinates, rates).reshape((4, 4))  # dH/dt
+        kinetic += ca.trace(pose_rate @ _second_moments(joint.body) @ pose_rate.T) / 2
+    mass_matrix, momentum = ca.hessian(kinetic, rates)  # T = dq^T M dq/2: its gradient is M dq
     stiffness, gradient = ca.hessian(potential, coordinates)
-    forces = ca.jtimes(momentum, coordinates, rates) - ca.gradient(kinetic, coordinates) + gradient
+    # Lagrange's equations at constant rates: d/dt dT/d(dq) - dT/dq + dU/dq
+    momentum_rate = ca.jtimes(momentum, coordinates, rates)
+    forces = momentum_rate - ca.gradient(kinetic, coordinates) + gradient
     if base_joints:
-        # the base's velocity is stated in its own axes, which turn: its acceleration has w x v in it
-        forces += mass_matrix[:, :3] @ ca.cross(rates[3:6], rates[:3])
+        # The twist (v, w) of the base is constant in its own axes, which turn: x accelerates by (w x v, 0).
+        v, w = rates[:3], rates[3:6]
+        forces += mass_matrix[:, :3] @ ca.cross(w, v)
     expected = {
         "mass_matrix": mass_matrix,
         "bias_forces": forces,
@@ -70,8 +72,9 @@ def differentiated(
         "gravity_gradient": gradient,
         "gravity_joint_stiffness": stiffness,
     }
-    columns = [stack.reshape(len(stack), -1).T for stack in samples]
-    at_rest, symbols = ca.DM.zeros(base_joints), [q, base_pose, rates, gravity]
+    symbols = [q, base_pose, rates, gravity]  # in the order of the samples
+    columns = [stack.reshape(len(stack), -1).T for stack in samples]  # (entries, states)
+    at_rest = ca.DM.zeros(base_joints)
     return {
         name: evaluate_longer(symbols, ca.substitute(expression, moves, at_rest), columns)
         for name, expression in expected.items()

@@ -39,22 +39,35 @@ class _Loads:
         self.forces = [[(gravity, moment)] for moment in masses.moments]
         self.sums = [mass * gravity for mass in masses.masses]
         self.moments = [ca.SX.zeros(3)] * len(chain.joints)
-        rows = ca.reshape(ca.densify(wrenches).T, 6, len(chain.tips))
+        tips = len(chain.tips)
+        wrench_of = ca.reshape(ca.densify(wrenches).T, 6, tips)  # a column per tip
         for k, tip in enumerate(chain.tips):
-            force, moment = rows[:3, k], rows[3:, k]
-            point = constant(tip.translation)
+            point = constant(tip.translation)  # of the wrench, in the frame of the tip's joint
             if tools is not None:
-                tool = ca.reshape(ca.densify(tools).T, 16, len(chain.tips))[:, k]
-                point = point + constant(tip.rotation) @ tool[3:12:4]
-            arm, joint, arms = masses.rotations[tip.joint] @ point, tip.joint, dict[str, ca.SX]()
-            while joint >= 0:  # from the tip to the base; the arm is that from the joint's origin
-                arms[f"r{k}_{joint}_"] = arm = ca.densify(arm)
-                self.forces[joint].append((force, arm))
-                self.sums[joint] += force
-                self.moments[joint] = self.moments[joint] + moment
-                arm, joint = arm + masses.offsets[joint], chain.joints[joint].parent
+                tool_pose = ca.reshape(ca.densify(tools).T, 16, tips)[:, k]  # row by row
+                point = point + constant(tip.rotation) @ tool_pose[3:12:4]
+            arms = self._add_wrench(chain, masses, tip.joint, point, wrench_of[:, k])
             title = f"arms r{k}_j to tip {tip.link}, from joint j's origin" if tip.link else f"arms r{k}_j to the tip"
-            masses.sections.append(Section(title, arms))
+            masses.sections.append(Section(title, {f"r{k}_{joint}_": arm for joint, arm in arms.items()}))
+
+    def _add_wrench(
+        self, chain: Chain, masses: MovedMasses, joint: int, point: ca.SX, wrench: ca.SX
+    ) -> dict[int, ca.SX]:
+        """Add a wrench at a point in the frame of a ``joint`` to all joints that carry the point, outermost first.
+
+        Return the arms [m] from the origins of these joints to the point, in base axes.
+        """
+        force, moment = wrench[:3], wrench[3:]
+        arms, arm = dict[int, ca.SX](), masses.rotations[joint] @ point
+        while joint >= 0:
+            arm = ca.densify(arm)
+            arms[joint] = arm
+            self.forces[joint].append((force, arm))
+            self.sums[joint] += force
+            self.moments[joint] = self.moments[joint] + moment
+            arm = arm + masses.offsets[joint]  # from the parent joint's origin
+            joint = chain.joints[joint].parent
+        return arms
 
 
 def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
@@ -66,31 +79,40 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX) -> Expressions:
     q, *tools, wrenches, gravity = arguments
     masses = MovedMasses(chain, q)
     loads = _Loads(chain, masses, wrenches, gravity, tools[0] if tools else None)
-    columns, u_columns, t_columns, zero = [], [], [], ca.SX.zeros(3)
-    moving: list[list[bool]] = []  # rows in which some column on the way to a joint is not always zero
-    for index, (joint, axis) in enumerate(zip(chain.joints, masses.axes, strict=True)):
-        force = loads.sums[index]  # of all loads beyond the joint
-        if joint.prismatic:
-            column, u = zero, cross(force, axis)
-            t = u
-        else:
-            column = axis
-            u = sum((cross(f, cross(axis, arm)) for f, arm in loads.forces[index]), zero)
-            t = u + cross(loads.moments[index], axis)
-        if chain.floating:  # three more entries, and the term a_j x N; see the head of the module
-            sliding = axis if index < chain.base_joints and joint.prismatic else zero
-            push = zero
-            if index < chain.base_joints and not joint.prismatic:
-                moment = sum((cross(arm, f) for f, arm in loads.forces[index]), loads.moments[index])
-                u, push = u + cross(axis, moment), cross(axis, force)
-            column, u = ca.vertcat(sliding, column), ca.vertcat(push, u)
-        of_parent = moving[joint.parent] if joint.parent >= 0 else column.numel() * [False]
-        moving.append([row or not entry.is_zero() for row, entry in zip(of_parent, ca.vertsplit(column), strict=True)])
+    columns, u_columns, t_columns = [], [], []
+    used: list[list[bool]] = []  # rows in which a column of this joint or of one before it is not always zero
+    for index, joint in enumerate(chain.joints):
+        column, u, t = _of_joint(chain, index, masses.axes[index], loads)
+        used_before = used[joint.parent] if joint.parent >= 0 else column.numel() * [False]
+        entries = zip(used_before, ca.vertsplit(column), strict=True)
+        used.append([before or not entry.is_zero() for before, entry in entries])
         columns.append(column)
-        u_columns.append(_only(u, moving[index]))
-        t_columns.append(_only(t, of_parent[-3:]))
+        u_columns.append(_only(u, used[index]))  # read by S_i of this joint and those before it
+        t_columns.append(_only(t, used_before[-3:]))  # read by a_j of the joints before it
     rows = ca.vertcat(*(ca.vec(ca.densify(ca.horzcat(*each)).T) for each in (columns, u_columns, t_columns)))
     return Expressions(rows, tuple(masses.sections))
+
+
+def _of_joint(chain: Chain, index: int, axis: ca.SX, loads: _Loads) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return column S, covectors u and t of a joint with this axis, by the formulas of the module's head."""
+    joint, zero = chain.joints[index], ca.SX.zeros(3)
+    force, of_base = loads.sums[index], index < chain.base_joints
+    if joint.prismatic:
+        column, u = zero, cross(force, axis)
+        t = u
+    else:
+        column = axis
+        u = sum((cross(f, cross(axis, arm)) for f, arm in loads.forces[index]), zero)
+        t = u + cross(loads.moments[index], axis)
+    if not chain.floating:
+        return column, u, t
+    # Three more entries: those of S are e_i of a slide i of the base, those of u are a_j x f of a rotation j of it.
+    slide = axis if of_base and joint.prismatic else zero
+    push = zero
+    if of_base and not joint.prismatic:
+        moment_about_base = sum((cross(arm, f) for f, arm in loads.forces[index]), loads.moments[index])
+        u, push = u + cross(axis, moment_about_base), cross(axis, force)
+    return ca.vertcat(slide, column), ca.vertcat(push, u), t
 
 
 def _only(vector: ca.SX, rows: list[bool]) -> ca.SX:
