@@ -165,10 +165,17 @@ def _between(of: Asked, pair: TipPair, kind: PairKind) -> _TipEnergy:
     spring = seen_from_first(group, kind, has_tools=of.runtime_tool)
     hessian = "d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J on the joints from A to B, F and K of B seen from A"
     return _TipEnergy(
-        group, "the spring between the tips", kind.equation, f"{hessian} (Lachner, Nah, Hogan 2025)",
-        f"{pair.note} {kind.domain}", partial(_seen_from_first, spring=spring), seen, pair.on_the_way,
-        EnergyOfTips(partial(tips.relative, kind), (*_base(of), *seen)), pair.from_the_base,
-    )  # fmt: skip
+        group=group,
+        words="the spring between the tips",
+        equation=kind.equation,
+        hessian=f"{hessian} (Lachner, Nah, Hogan 2025)",
+        note=f"{pair.note} {kind.domain}",
+        in_joints=partial(_seen_from_first, spring=spring),
+        arguments=seen,
+        span=pair.on_the_way,
+        of_tips=EnergyOfTips(partial(tips.relative, kind), (*_base(of), *seen)),
+        span_of_tips=pair.from_the_base,
+    )
 
 
 def _held(of: Asked, pair: TipPair, kind: str) -> _TipEnergy:
@@ -182,10 +189,18 @@ def _held(of: Asked, pair: TipPair, kind: str) -> _TipEnergy:
             f"{_ABSOLUTE} The spring between the tips is that of pair.",
         )
     inputs = (*_base(of), Q, *tools, *PARAMETERS[kind])
-    energy = EnergyOfTips(define, inputs)
-    span = pair.from_the_base
+    energy, span = EnergyOfTips(define, inputs), pair.from_the_base
     return _TipEnergy(
-        pair.group(kind), words, equation, _HESSIAN, f"{pair.note} {note}", energy.in_joints, inputs, span, energy, span
+        group=pair.group(kind),
+        words=words,
+        equation=equation,
+        hessian=_HESSIAN,
+        note=f"{pair.note} {note}",
+        in_joints=energy.in_joints,
+        arguments=inputs,
+        span=span,
+        of_tips=energy,
+        span_of_tips=span,
     )
 
 

@@ -36,23 +36,32 @@ def _symbols(arguments: tuple[Argument, ...], r: References) -> list[ca.SX]:
 
 
 def results(r: References, pair: TipPair, kind: str) -> Results:
-    """Return the results of the kernels of a kind of a pair by name."""
-    arguments = (*((TOOL_POSES,) if r.chain.runtime_tool else ()), *PARAMETERS[kind])
+    """Return the results of the kernels of a kind of a pair by name.
+
+    Torque and joint stiffness are derivatives of the energy with respect to q. Wrench and task stiffness are those with
+    respect to twists x of both tips, at x = 0.
+    """
+    of_tools = (TOOL_POSES,) if r.chain.runtime_tool else ()
+    arguments = (*of_tools, *PARAMETERS[kind])
     symbols = _symbols(arguments, r)
     rows = [ca.vec(symbol.T) for symbol in symbols]  # stacks enter as columns, a matrix row by row
     columns = [as_columns(each) for each in r.samples.of(arguments)]
-    parameters = symbols[1:] if r.chain.runtime_tool else symbols
-    tools = matrices(rows[0]) if r.chain.runtime_tool else (None, None)
-    a, b = (_pose(r, tip, tool) for tip, tool in zip((pair.first, pair.second), tools, strict=True))
+    parameters = symbols[len(of_tools) :]
+    tool_a, tool_b = matrices(rows[0]) if of_tools else (None, None)
+    a, b = _pose(r, pair.first, tool_a), _pose(r, pair.second, tool_b)
+    energy = reference.energy_of(kind, a, b, parameters)
+    hessian, gradient = ca.hessian(energy, r.place.coordinates)
     x = ca.SX.sym("x", 12)
-    value = reference.energy_of(kind, a, b, parameters)
-    hessian, gradient = ca.hessian(value, r.place.coordinates)
     displaced = reference.energy_of(kind, reference.moved(a, x[:6]), reference.moved(b, x[6:]), parameters)
     covariant, wrench = (ca.substitute(each, x, ca.DM.zeros(12)) for each in ca.hessian(displaced, x))
-    found = {
-        "energy": value, "wrench": wrench, "task_stiffness": covariant, "torque": -gradient, "joint_stiffness": hessian,
-    }  # fmt: skip
-    return {name: r.evaluate(expression, rows, columns) for name, expression in found.items()}
+    expressions = {
+        "energy": energy,
+        "wrench": wrench,
+        "task_stiffness": covariant,
+        "torque": -gradient,
+        "joint_stiffness": hessian,
+    }
+    return {name: r.evaluate(expression, rows, columns) for name, expression in expressions.items()}
 
 
 @cache

@@ -130,14 +130,14 @@ class EnergyOfTips:
         m = len(chain.joints)
         # columns of both tips, their wrenches (12) and Hessian (12, 12)
         Ja, Jb, F, K = Array("Ja", (6, m)), Array("Jb", (6, m)), Array("F", (12,)), Array("K", (12, 12))
-        outputs, parts = [Ja, Jb, F], "JF"
+        parts = "J" + "U" * bool(energy) + "F" + "K" * bool(joint_stiffness)  # letters of terms()
+        arrays_of: dict[str, tuple[Array, ...]] = {"J": (Ja, Jb), "F": (F,), "K": (K,)}
         if energy:
-            outputs, parts = [Ja, Jb, energy.array(chain), F], "JUF"
-        if joint_stiffness:
-            outputs, parts = [*outputs, K], f"{parts}K"
-        program: Program = (self._step(chain, tuple(outputs), parts, "columns and wrenches of both tips"),)
+            arrays_of["U"] = (energy.array(chain),)
+        outputs = tuple(array for part in parts for array in arrays_of[part])
+        program: Program = (self._step(chain, outputs, parts, heading="columns and wrenches of both tips"),)
         if torque:
-            program += over_joints(chain, torque, lambda output: (_force(Ja, Jb, F, output, -1, "torque_j = "),))
+            program += over_joints(chain, torque, lambda output: (_torque(Ja, Jb, F, output),))
         if joint_stiffness:
             program += over_joints(
                 chain, joint_stiffness, lambda output: _tangent(chain, Ja, Jb, F, K, output), mirror=True
@@ -145,40 +145,43 @@ class EnergyOfTips:
         return program
 
 
-def _force(Ja: Array, Jb: Array, F: Array, output: Array, sign: int, name: str) -> Map:
-    """Return the step of the generalised forces, times a sign."""
+def _force(a: ca.SX, b: ca.SX, F: ca.SX) -> ca.SX:
+    """Return the generalised force dU/dq_j of a joint: a . Fa + b . Fb from its columns and the wrenches (12)."""
+    return ca.SX(ca.dot(a, F[:6]) + ca.dot(b, F[6:]))
+
+
+def _torque(Ja: Array, Jb: Array, F: Array, output: Array) -> Map:
+    """Return the step of the torques -dU/dq."""
     operands = Operand(Ja, "j"), Operand(Jb, "j"), Operand(F, "")
-    return Map(
-        f"{name}{'-' * (sign < 0)}(Ja_j . Fa + Jb_j . Fb)", Over.JOINTS, Operand(output, "j"), operands,
-        lambda a, b, F: ca.SX(sign * (ca.dot(a, F[:6]) + ca.dot(b, F[6:]))),
-    )  # fmt: skip
+    comment = "torque_j = -(Ja_j . Fa + Jb_j . Fb)"
+    return Map(comment, Over.JOINTS, Operand(output, "j"), operands, lambda a, b, F: ca.SX(-1 * _force(a, b, F)))
 
 
 def _tangent(chain: Chain, Ja: Array, Jb: Array, F: Array, K: Array, output: Array) -> Program:
-    """Return the steps of the joint stiffness over the moving joints: columns times covectors (u) of both tips."""
-    u = Array("ua", Ja.shape), Array("ub", Jb.shape)
-    operands = Operand(Ja, "j"), Operand(Jb, "j"), Operand(F, ""), Operand(K, "")
+    """Return the steps of the joint stiffness over the moving joints, by the formulas of the module's head."""
+    ua, ub = Array("ua", Ja.shape), Array("ub", Jb.shape)
+    columns_and_wrenches = Operand(Ja, "j"), Operand(Jb, "j"), Operand(F, "")
 
-    def covector(a: ca.SX, b: ca.SX, F: ca.SX, K: ca.SX, *, number: int) -> ca.SX:
-        rows = slice(6 * number, 6 * number + 6)
-        load = load_covector("hybrid", (a, b)[number], F[rows])
-        return ca.densify(symmetric_from_upper(K)[rows, :] @ ca.vertcat(a, b) + load)
+    def covectors(u: Array, *, of_b: bool) -> Map:
+        """Return the step of the covectors of one tip."""
+        rows = slice(6, 12) if of_b else slice(0, 6)  # of F, and of K on the twists of both tips
 
-    covectors = tuple(
-        Map(f"{each.name}_j: rows of K (Ja, Jb)_j, and the load covector", Over.JOINTS, Operand(each, "j"), operands,
-            partial(covector, number=number))
-        for number, each in enumerate(u)
-    )  # fmt: skip
-    pairs = Operand(Ja, "i"), Operand(Jb, "i"), Operand(u[0], "j"), Operand(u[1], "j")
-    comment = "Kq_ij = Ja_i . ua_j + Jb_i . ub_j for i<=j, mirrored"
-    whole = with_base_connection(
-        chain,
-        output,
-        lambda into: (
-            Map(comment, Over.UPPER, Operand(into, "ij"), pairs,
-                lambda a, b, ua, ub: ca.SX(ca.dot(a, ua) + ca.dot(b, ub)), mirror=True),
-        ),
-        operands[:3],
-        lambda a, b, F: ca.SX(ca.dot(a, F[:6]) + ca.dot(b, F[6:])),
-    )  # fmt: skip
-    return (*covectors, *whole)
+        def covector(a: ca.SX, b: ca.SX, F: ca.SX, K: ca.SX) -> ca.SX:
+            load = load_covector("hybrid", b if of_b else a, F[rows])
+            return ca.densify(symmetric_from_upper(K)[rows, :] @ ca.vertcat(a, b) + load)
+
+        comment = f"{u.name}_j: rows of K (Ja, Jb)_j, and the load covector"
+        return Map(comment, Over.JOINTS, Operand(u, "j"), (*columns_and_wrenches, Operand(K, "")), covector)
+
+    def pairs(into: Array) -> Program:
+        operands = Operand(Ja, "i"), Operand(Jb, "i"), Operand(ua, "j"), Operand(ub, "j")
+        comment = "Kq_ij = Ja_i . ua_j + Jb_i . ub_j for i<=j, mirrored"
+        return (Map(comment, Over.UPPER, Operand(into, "ij"), operands, _sum_of_products, mirror=True),)
+
+    stiffness = with_base_connection(chain, output, pairs, operands=columns_and_wrenches, generalised_force=_force)
+    return covectors(ua, of_b=False), covectors(ub, of_b=True), *stiffness
+
+
+def _sum_of_products(a: ca.SX, b: ca.SX, ua: ca.SX, ub: ca.SX) -> ca.SX:
+    """Return a . ua + b . ub."""
+    return ca.SX(ca.dot(a, ua) + ca.dot(b, ub))

@@ -107,8 +107,8 @@ BOUNDED = PairKind(
 
 def matrices(tool_poses: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the poses (4x4) of both tools from their row-major entries."""
-    one, other = (ca.reshape(tool_poses[16 * k : 16 * k + 16], 4, 4).T for k in range(2))
-    return one, other
+    one, other = ca.vertsplit(ca.vec(tool_poses), 16)
+    return ca.reshape(one, 4, 4).T, ca.reshape(other, 4, 4).T
 
 
 def with_limits(kind: PairKind, translation: Terms, rotation: Terms, parameters: tuple[ca.SX, ...]) -> Terms:
@@ -124,8 +124,9 @@ def seen_from_first(group: str, kind: PairKind, *, has_tools: bool) -> Spring:
     """Return the spring as a potential of the second tip link's pose (p, R) seen from the first tip link."""
 
     def define(p: ca.SX, R: ca.SX, *given: ca.SX) -> Terms:
-        parameters = given[1:] if has_tools else given
-        translation, rotation = _parts(p, R, matrices(given[0]) if has_tools else None, *parameters[:3])
+        tools, parameters = (matrices(given[0]), given[1:]) if has_tools else (None, given)
+        rest, Kt, Ko, *_ = parameters  # then the limits of a bounded spring
+        translation, rotation = _parts(p, R, tools, rest, Kt, Ko)
         return with_limits(kind, translation, rotation, parameters)
 
     tools = (TOOL_POSES,) if has_tools else ()
@@ -135,34 +136,50 @@ def seen_from_first(group: str, kind: PairKind, *, has_tools: bool) -> Spring:
 def _parts(
     p: ca.SX, R: ca.SX, tools: tuple[ca.SX, ca.SX] | None, rest: ca.SX, Kt: ca.SX, Ko: ca.SX
 ) -> tuple[Terms, Terms]:
-    """Return translation and rotation of the energy; p, R is tip B seen from tip A, rest the pose there without
-    force.
+    """Return translation and rotation of the energy, by the last two paragraphs of the module's head.
+
+    (p, R) is the pose of tip link B seen from tip link A. ``rest`` is that of tip B seen from tip A without force.
     """
     Kt, Ko = symmetric_from_upper(Kt), symmetric_from_upper(Ko)
-    half = 0.5 * rest[:3, 3]
-    c = -(rest[:3, :3].T @ half)
+    c = -(rest[:3, :3].T @ (0.5 * rest[:3, 3]))  # from B to the point half-way at rest, in B's axes
     sections = list[Section]()
     if tools is not None:
-        (Xa, Xb), E0 = tools, rest[:3, :3]
-        Ra, Rb = Xa[:3, :3], Xb[:3, :3]
-        R0 = (Ra @ E0) @ Rb.T
-        c = Xb[:3, 3] + Rb @ c
-        p0 = Xa[:3, 3] + Ra @ rest[:3, 3] - R0 @ Xb[:3, 3]
-        Kt, Ko = (symmetric_from_upper((Ra @ each) @ Ra.T) for each in (Kt, Ko))
-        rest = ca.blockcat([[R0, p0], [ca.SX.zeros(1, 3), ca.SX.ones(1)]])
-        values = {"R0": R0, "p0": p0, "Kta": Kt, "Koa": Ko}
+        rest, c, Kt, Ko = _between_links(tools, rest, c, Kt, Ko)
+        values = {"R0": rest[:3, :3], "p0": rest[:3, 3], "Kta": Kt, "Koa": Ko}
         title = "between the tip links: rest rotation R0, origin p0; stiffnesses in A's axes"
         sections.append(Section(title, values, {"R0": Kind.ROTATION}))
-    N, arm = R @ rest[:3, :3].T, R @ c  # N: how far B is turned from rest, in A's axes (1 at rest).
-    e = p - rest[:3, 3] + (R - rest[:3, :3]) @ c
-    sections.append(
-        Section("c: point half-way at rest in B's axes; displacement e there, in A's axes", {"c": c, "e": e})
+    p0, R0 = rest[:3, 3], rest[:3, :3]
+    N, arm = R @ R0.T, R @ c  # N: how far B is turned from rest, in A's axes (1 at rest)
+    e = p - p0 + (R - R0) @ c
+    d = N.T @ e  # e in axes that turn with B
+    sections += [
+        Section("c: point half-way at rest in B's axes; displacement e there, in A's axes", {"c": c, "e": e}),
+        Section("N = R R0^T; d = N^T e", {"N": N, "d": d}, {"N": Kind.ROTATION}),
+    ]
+    stands = Displacement(
+        d=e, X=None, arm=arm, bend=arm, with_tip=False, section=Section("c in A's axes", {"arm": arm})
     )
-    sections.append(Section("N = R R0^T; d = N^T e", {"N": N, "d": N.T @ e}, {"N": Kind.ROTATION}))
-    stands = Displacement(e, None, arm, arm, False, Section("c in A's axes", {"arm": arm}))
-    turns = Displacement(N.T @ e, N, arm - e, e - arm, True, Section("e - c in A's axes", {"bend": e - arm}))
-    K = 0.5 * Kt
-    first, second = (each.terms(K @ each.d, K).of_tip(k) for k, each in enumerate((stands, turns)))
+    turns = Displacement(
+        d=d, X=N, arm=arm - e, bend=e - arm, with_tip=True, section=Section("e - c in A's axes", {"bend": e - arm})
+    )
+    half = 0.5 * Kt
+    first, second = (each.terms(half @ each.d, half).of_tip(k) for k, each in enumerate((stands, turns)))
     whole = first + second
     translation = Terms(whole.V, whole.F, whole.K, (*sections, *whole.sections))
     return translation, trace_form(R, rest, Ko, "base")
+
+
+def _between_links(
+    tools: tuple[ca.SX, ca.SX], rest: ca.SX, c: ca.SX, Kt: ca.SX, Ko: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return rest pose (4x4), centre c, Kt and Ko between the tip links from those between the tools on them.
+
+    With the poses Xa, Xb of the tools in the links, the links' rest pose is Xa rest Xb^-1.
+    """
+    Xa, Xb = tools
+    (Ra, pa), (Rb, pb) = (Xa[:3, :3], Xa[:3, 3]), (Xb[:3, :3], Xb[:3, 3])
+    R0 = (Ra @ rest[:3, :3]) @ Rb.T
+    p0 = pa + Ra @ rest[:3, 3] - R0 @ pb
+    between = ca.blockcat([[R0, p0], [ca.SX.zeros(1, 3), ca.SX.ones(1)]])
+    Kt_of_link, Ko_of_link = (symmetric_from_upper((Ra @ each) @ Ra.T) for each in (Kt, Ko))
+    return between, pb + Rb @ c, Kt_of_link, Ko_of_link

@@ -30,8 +30,8 @@ from stiffgen.families.springs.parts import Terms, trace_form
 
 TipFrame = tuple[ca.SX, ca.SX]
 """Rotation and origin of a tip, in base axes."""
-VA, WA, VB, WB = (slice(3 * k, 3 * k + 3) for k in range(4))
-"""Entries of the twists of both tips."""
+VA, WA, VB, WB = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+"""Entries of the twists of both tips, (va, wa, vb, wb)."""
 
 
 def axial(matrix: ca.SX) -> ca.SX:
@@ -43,18 +43,20 @@ def _rotation(A: ca.SX, B: ca.SX, Ko: ca.SX) -> Terms:
     """Return the terms of tr(G (I - A^T B)) = tr((B - A) G (B - A)^T)/2; none cancels near the rest pose.
 
     A and B are the tips' rotations, B turned back by the rest rotation. Differentiating A by a turn w gives [w] A,
-    so that moments are axial vectors of Y and second derivatives are those of M, own and mixed.
+    so that moments are axial vectors of Y = (B - A) G A^T, and second derivatives follow from M = B G A^T. A G A^T is
+    symmetric, so that Y and M have the same axial vector.
     """
     G = 0.5 * ca.trace(Ko) * ca.SX.eye(3) - Ko
     D = B - A
     W, L = D @ G, B @ G
     M, Y = L @ A.T, W @ A.T
     u = axial(Y)
-    trace = [M[(k + 1) % 3, (k + 1) % 3] + M[(k + 2) % 3, (k + 2) % 3] for k in range(3)]  # tr(M) - M_kk
     # Blocks of two turns: tr(M) I - sym(M) of one tip with itself, M - tr(M) I between the tips.
     own, coupling = -0.5 * (M + M.T), ca.densify(ca.SX(M))
-    for k in range(3):
-        own[k, k], coupling[k, k] = trace[k], -trace[k]
+    for k in range(3):  # M_kk cancels in tr(M) - M_kk, which leaves the other two
+        i, j = (k + 1) % 3, (k + 2) % 3
+        others = M[i, i] + M[j, j]
+        own[k, k], coupling[k, k] = others, -others
     K = ca.SX(12, 12)
     K[WA, WA] = K[WB, WB] = own
     K[WA, WB], K[WB, WA] = coupling, coupling.T
@@ -71,21 +73,20 @@ def _rotation(A: ca.SX, B: ca.SX, Ko: ca.SX) -> Terms:
 
 
 def _half(S: ca.SX, f: ca.SX, arms: tuple[ca.SX, ca.SX], other: ca.SX, *, turns_with_second: bool) -> ca.SX:
-    """Return the Hessian of the half whose stiffness S turns with one tip: P^T S P + Z of the head of the module.
+    """Return the Hessian (12x12) of the half whose stiffness S turns with one tip: P^T S P + Z of the module's head.
 
     ``arms`` are ca and cb, ``other`` is la or lb of the tip that S does not turn with.
     """
     # displacement of the half's spring per unit of both tips' motions (3, 12)
     P = ca.horzcat(-ca.SX.eye(3), ca.skew(arms[0]), ca.SX.eye(3), ca.skew(arms[1]))
-    own, fixed = ((VB, WB), (VA, WA)) if turns_with_second else ((VA, WA), (VB, WB))
-    arm, force = ca.skew(arms[int(turns_with_second)]), ca.skew(f)  # as matrices of cross products
-    toward = ca.skew(other)
+    W_own, W_other, own_arm = (WB, WA, arms[1]) if turns_with_second else (WA, WB, arms[0])
+    force, arm, toward = ca.skew(f), ca.skew(own_arm), ca.skew(other)
+    # curvature of the displacement times the force
     Z = ca.SX(12, 12)
-    # curvature of the displacement times the force: the tip that S turns with, then the other
-    Z[own[1], own[1]] = 0.5 * (force @ arm + (force @ arm).T)
-    Z[fixed[1], fixed[1]] = -0.5 * (force @ toward + (force @ toward).T)
-    for columns, block in ((fixed[1], force @ toward), (VB, force), (VA, -force)):
-        Z[own[1], columns], Z[columns, own[1]] = block, block.T
+    Z[W_own, W_own] = 0.5 * (force @ arm + (force @ arm).T)
+    Z[W_other, W_other] = -0.5 * (force @ toward + (force @ toward).T)
+    for columns, block in ((W_other, force @ toward), (VB, force), (VA, -force)):
+        Z[W_own, columns], Z[columns, W_own] = block, block.T
     return P.T @ S @ P + Z
 
 
@@ -98,31 +99,30 @@ def _translation(a: TipFrame, b: TipFrame, B: ca.SX, d0: ca.SX, Kt: ca.SX) -> Te
     SA, SB = (symmetric_from_upper((X @ (0.5 * Kt)) @ X.T) for X in (A, B))
     fA, fB = SA @ e, SB @ e
     f = fA + fB  # the force on B; A's axes carry one half of the stiffness, B's the other
-    F = ca.vertcat(-f, -ca.cross(la, f) - ca.cross(e, fA), f, -ca.cross(lb, f) - ca.cross(e, fB))
-    K = _half(SA, fA, (e + la, lb), lb, turns_with_second=False) + _half(
-        SB, fB, (la, e + lb), la, turns_with_second=True
-    )
+    moment_on_a = -ca.cross(la, f) - ca.cross(e, fA)
+    moment_on_b = -ca.cross(lb, f) - ca.cross(e, fB)
+    F = ca.vertcat(-f, moment_on_a, f, moment_on_b)
+    K_with_a = _half(SA, fA, arms=(e + la, lb), other=lb, turns_with_second=False)
+    K_with_b = _half(SB, fB, arms=(la, e + lb), other=la, turns_with_second=True)
     sections = (
         Section("arms la = A d0/2, lb = B d0/2; displacement e half-way", {"la": la, "lb": lb, "e": e}),
         Section("halves of the stiffness in base axes: SA = A Kt/2 A^T, SB = B Kt/2 B^T", {"SA": SA, "SB": SB}),
         Section("their forces", {"fA": fA, "fB": fB}),
         Section("force f on B", {"f": f}),
     )
-    return Terms(0.5 * ca.dot(e, f), F, K, sections)
+    return Terms(0.5 * ca.dot(e, f), F, K_with_a + K_with_b, sections)
 
 
 def relative(kind: PairKind, a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca.SX) -> Terms:
     """Return energy, wrenches (12) and Hessian (12x12) of a spring between the tips; the ``origin`` does not matter."""
-    rest, Kt, Ko = parameters[:3]
-    A, B = a[0], ca.densify(b[0] @ rest[:3, :3].T)
-    translation = _translation(a, b, B, rest[:3, 3], symmetric_from_upper(Kt))
+    rest, Kt, Ko, *_ = parameters  # then the limits of a bounded spring
+    (A, _), (Rb, _) = a, b
+    E0, d0 = rest[:3, :3], rest[:3, 3]
+    B = ca.densify(Rb @ E0.T)
+    translation = _translation(a, b, B, d0, symmetric_from_upper(Kt))
     both = with_limits(kind, translation, _rotation(A, B, symmetric_from_upper(Ko)), parameters)
-    return Terms(
-        both.V,
-        both.F,
-        both.K,
-        (Section("A = Ra, B = Rb E0^T; RB is B", {"RB": B}, {"RB": Kind.ROTATION}), *both.sections),
-    )
+    section = Section("A = Ra, B = Rb E0^T; RB is B", {"RB": B}, {"RB": Kind.ROTATION})
+    return Terms(both.V, both.F, both.K, (section, *both.sections))
 
 
 def absolute(a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca.SX) -> Terms:
@@ -133,24 +133,25 @@ def absolute(a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca
     """
     H, rest, Kt, Ko = parameters
     Kt, Ko = symmetric_from_upper(Kt), symmetric_from_upper(Ko)
-    e = 0.5 * (a[1] + b[1]) - (H[:3, 3] - origin)
-    f, B = Kt @ e, ca.densify(b[0] @ rest[:3, :3].T)
-    # the rotational halves: tip a, and tip b turned back by the rest rotation
-    own, other = (trace_form(R, H, 0.5 * Ko, "equilibrium").of_tip(k) for k, R in enumerate((a[0], B)))
+    (A, pa), (Rb, pb) = a, b
+    e = 0.5 * (pa + pb) - (H[:3, 3] - origin)
+    f, B = Kt @ e, ca.densify(Rb @ rest[:3, :3].T)
+    # half of Ko on the rotation of tip a, half on that of tip b, turned back by the rest rotation
+    of_a, of_b = (trace_form(R, H, 0.5 * Ko, "equilibrium").of_tip(k) for k, R in enumerate((A, B)))
     half, quarter = 0.5 * f, 0.25 * Kt  # the middle moves by half of each tip's motion
     K = ca.SX(12, 12)
     for rows in (VA, VB):
         for columns in (VA, VB):
             K[rows, columns] = quarter
-    K[WA, WA], K[WB, WB] = own.K[3:, 3:], other.K[3:, 3:]
+    K[WA, WA], K[WB, WB] = of_a.K[3:, 3:], of_b.K[3:, 3:]
     sections = (
         Section("RH = Rb E0^T", {"RH": B}, {"RH": Kind.ROTATION}),
         Section("displacement em of the tips' middle, force fm", {"em": e, "fm": f}),
-        *own.sections,
-        *other.sections,
+        *of_a.sections,
+        *of_b.sections,
     )
-    V = 0.5 * ca.dot(e, f) + own.V + other.V
-    return Terms(V, ca.vertcat(half, own.F[3:], half, other.F[3:]), K, sections)
+    V = 0.5 * ca.dot(e, f) + of_a.V + of_b.V
+    return Terms(V, ca.vertcat(half, of_a.F[3:], half, of_b.F[3:]), K, sections)
 
 
 def bimanual(a: TipFrame, b: TipFrame, parameters: tuple[ca.SX, ...], origin: ca.SX) -> Terms:

@@ -158,22 +158,24 @@ def between(chain: Chain, first: Tip, second: Tip, name: str) -> Chain:
     """
     # joints from the first tip towards the base, walked backwards, and from there out to the second tip
     inwards, outwards = _parted(chain, first, second)
-    joints, place = list[Joint](), _pose(first.rotation, first.translation).inverse()
-
-    def append(joint: Joint, sign: int) -> None:
-        rotation, translation = place.rounded()
-        x, y, z = (sign * each if each else 0.0 for each in joint.axis)  # never -0.0
-        turned = replace(joint, axis=(x, y, z), parent=len(joints) - 1)
-        joints.append(replace(turned, rotation=rotation, translation=translation))
-
+    joints = list[Joint]()
+    place = _pose(first.rotation, first.translation).inverse()  # of the next joint's frame, in the frame before it
     for index in reversed(inwards):
-        append(chain.joints[index], -1)
-        place = _pose(chain.joints[index].rotation, chain.joints[index].translation).inverse()
+        joint = chain.joints[index]
+        joints.append(_placed(joint, place, parent=len(joints) - 1, sign=-1))
+        place = _pose(joint.rotation, joint.translation).inverse()
     for index in outwards:
         joint = chain.joints[index]
         place = place @ _pose(joint.rotation, joint.translation)
-        append(joint, 1)
+        joints.append(_placed(joint, place, parent=len(joints) - 1, sign=1))
         place = Pose.identity()
     rotation, translation = (place @ _pose(second.rotation, second.translation)).rounded()
     tip = Tip(second.link, name, len(joints) - 1, rotation, translation)
     return replace(chain, base=first.link, tips=(tip,), joints=tuple(joints), runtime_tool=False, loops=())
+
+
+def _placed(joint: Joint, place: Pose, *, parent: int, sign: int) -> Joint:
+    """Return a joint at another place behind another parent; a joint that is walked backwards has the sign -1."""
+    rotation, translation = place.rounded()
+    x, y, z = (sign * each if each else 0.0 for each in joint.axis)  # never -0.0
+    return replace(joint, axis=(x, y, z), parent=parent, rotation=rotation, translation=translation)
