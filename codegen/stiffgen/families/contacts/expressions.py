@@ -72,9 +72,10 @@ class _Load:
 
     @property
     def wrench(self) -> ca.SX:
-        """Sum of the wrenches, with moments about the common point."""
-        skew = self.Q.T - self.Q  # cross-product matrix of the sum of p x f
-        return ca.vertcat(self.f, self.m + ca.vertcat(skew[2, 1], skew[0, 2], skew[1, 0]))
+        """Sum of the wrenches, with moments about the common point: Q^T - Q = f p^T - p f^T = [p x f]."""
+        cross_matrix = self.Q.T - self.Q
+        moment_of_forces = ca.vertcat(cross_matrix[2, 1], cross_matrix[0, 2], cross_matrix[1, 0])
+        return ca.vertcat(self.f, self.m + moment_of_forces)
 
 
 def columns_and_covectors(chain: Chain, *arguments: ca.SX, representation: Representation) -> Expressions:
@@ -90,10 +91,11 @@ def columns_and_covectors(chain: Chain, *arguments: ca.SX, representation: Repre
     *configuration, wrenches, stiffnesses = arguments
     count = len(chain.tips)
     tree = _TipTree.of(chain, configuration, representation)
+    wrench_of, stiffness_of = _per_tip(wrenches, count), _per_tip(stiffnesses, count)
     loads = []
-    for index, (wrench, matrix) in enumerate(zip(_per_tip(wrenches, count), _per_tip(stiffnesses, count), strict=True)):
-        K = stiffness.symmetric_from_upper(ca.reshape(matrix, 6, 6).T)
-        loads.append(_load(tree.sections, chain.tips[index], index, tree.poses[index], wrench, K, representation))
+    for index, tip in enumerate(chain.tips):
+        K = stiffness.symmetric_from_upper(ca.reshape(stiffness_of[index], 6, 6).T)
+        loads.append(_load(tree.sections, tip, index, tree.poses[index], wrench_of[index], K, representation))
     totals = _beyond(chain, loads)
     stacked = ca.vertcat(ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, totals)))
     return Expressions(ca.densify(stacked), tuple(tree.sections))
@@ -108,12 +110,14 @@ def columns_of_loads(chain: Chain, *arguments: ca.SX, representation: Representa
     """
     *configuration, wrenches = arguments
     tree = _TipTree.of(chain, configuration, representation)
+    wrench_of, no_stiffness = _per_tip(wrenches, len(chain.tips)), ca.SX(6, 6)
     loads = []
-    for index, wrench in enumerate(_per_tip(wrenches, len(chain.tips))):
-        tip, pose, seen = chain.tips[index], tree.poses[index], representation
-        if seen == "spatial":  # one load, whatever representation states it: that of the tip
-            wrench, seen = ca.vertcat(wrench[:3], wrench[3:] - cross(pose[1], wrench[:3])), "hybrid"
-        loads.append(_load(tree.sections, tip, index, pose, wrench, ca.SX(6, 6), seen))
+    for index, tip in enumerate(chain.tips):
+        wrench, of_load = wrench_of[index], representation
+        if representation == "spatial":  # one load, whatever representation states it: that of the tip
+            (_, p), force, moment = tree.poses[index], wrench[:3], wrench[3:]
+            wrench, of_load = ca.vertcat(force, moment - cross(p, force)), "hybrid"
+        loads.append(_load(tree.sections, tip, index, tree.poses[index], wrench, no_stiffness, of_load))
     matrices = [ca.horzcat(*tree.columns), ca.horzcat(*_covectors(chain, tree, _beyond(chain, loads)))]
     if jacobians:
         matrices += [_jacobian(chain, tree, index, representation) for index in range(len(chain.tips))]
@@ -148,19 +152,16 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
             of the joints.
 
     """
-    count, size = len(chain.tips), len(arguments) - len(spring.parameters)
-    tree = _TipTree.of(chain, arguments[:size], "hybrid")
-    origin = Configuration.of(chain, arguments[:size]).base[1]
+    count = len(arguments) - len(spring.parameters)
+    configuration, parameters = arguments[:count], arguments[count:]
+    tree = _TipTree.of(chain, configuration, "hybrid")
+    _, origin = Configuration.of(chain, configuration).base  # of the base link, the common point
     energy, loads = ca.SX(0), list[_Load]()
     for index, tip in enumerate(chain.tips):  # each tip's spring, then its load on the joints before it
-        parameters = []
-        for argument, values in zip(spring.parameters, arguments[size:], strict=True):
-            shape = argument.array(chain).shape
-            entries = _per_tip(values, count)[index]
-            parameters.append(ca.reshape(entries, *shape[::-1]).T if len(shape) == 2 else entries)
         R, p = (ca.densify(each) for each in tree.poses[index])
         tree.sections.append(Section(f"pose of tip {tip.link}", {f"R{index}_tip": R, f"p{index}_tip": p}))
-        quantities = springs.derivatives(spring, p + origin, R, parameters).of_tip(index)
+        of_tip = _parameters_of_tip(chain, spring, parameters, index)
+        quantities = springs.derivatives(spring, p + origin, R, of_tip).of_tip(index)
         tree.sections.extend(quantities.sections)
         energy += quantities.V
         if set(parts) - {"U"}:
@@ -175,6 +176,15 @@ def spring_terms(chain: Chain, *arguments: ca.SX, spring: Spring, parts: str) ->
         pairs = zip(tree.columns, totals, strict=True)
         results["T"] = ca.vertcat(*(-ca.dot(S, total.wrench) if total else ca.SX(0) for S, total in pairs))
     return Expressions(ca.densify(ca.vertcat(*(results[part] for part in parts))), tuple(tree.sections))
+
+
+def _parameters_of_tip(chain: Chain, spring: Spring, values: Sequence[ca.SX], index: int) -> list[ca.SX]:
+    """Return the spring's parameters of one tip, in their shapes, from arrays with one value per tip."""
+    parameters = []
+    for argument, of_all in zip(spring.parameters, values, strict=True):
+        entries, shape = _per_tip(of_all, len(chain.tips))[index], argument.array(chain).shape
+        parameters.append(ca.reshape(entries, *shape[::-1]).T if len(shape) == 2 else entries)
+    return parameters
 
 
 @dataclass(frozen=True)
@@ -263,7 +273,7 @@ def _load(
     rotation, p = (ca.densify(each) for each in pose)
     values = {f"p{index}_tip": p}
     f, m = wrench[:3], wrench[3:]
-    if representation == "body":
+    if representation == "body":  # to the base's axes
         values[f"R{index}_tip"] = rotation
         f, m = rotation @ f, rotation @ m
         turn = ca.diagcat(rotation, rotation)
@@ -271,20 +281,24 @@ def _load(
     title = f"pose of tip {tip.link}"
     if not any(section.title == title for section in sections):
         sections.append(Section(title, values))
-    A, B = K[:3, :3], K[:3, 3:]
-    # X^T K X with X = [[1, -[p]], [0, 1]], block by block
-    coupling = B - A @ ca.skew(p)
-    rotational = stiffness.symmetric_from_upper(K[3:, 3:] + ca.skew(p) @ coupling + (ca.skew(p) @ B).T)
     load = _Load(
-        ca.densify(ca.vertcat(ca.horzcat(A, coupling), ca.horzcat(coupling.T, rotational))),
-        ca.densify(f),
-        ca.densify(m),
-        ca.densify(p @ f.T - ca.dot(p, f) * ca.SX.eye(3)),
+        K=ca.densify(_at_common_point(K, p)),
+        f=ca.densify(f),
+        m=ca.densify(m),
+        Q=ca.densify(p @ f.T - ca.dot(p, f) * ca.SX.eye(3)),
     )
     upper = {f"K{index}_{r}{c}": load.K[r, c] for r in range(6) for c in range(r, 6)}
     title = f"load of tip {tip.link}: force f{index}, moment m{index}; stiffness K{index} and Q{index} at common point"
     sections.append(Section(title, {f"f{index}_": load.f, f"m{index}_": load.m, f"Q{index}_": load.Q, **upper}))
     return load
+
+
+def _at_common_point(K: ca.SX, p: ca.SX) -> ca.SX:
+    """Return X^T K X with X = [1, -[p]; 0, 1], block by block: the stiffness K of a tip at p, at the common point."""
+    K11, K12, K22 = K[:3, :3], K[:3, 3:], K[3:, 3:]
+    coupling = K12 - K11 @ ca.skew(p)
+    rotational = stiffness.symmetric_from_upper(K22 + ca.skew(p) @ coupling + (ca.skew(p) @ K12).T)
+    return ca.vertcat(ca.horzcat(K11, coupling), ca.horzcat(coupling.T, rotational))
 
 
 def _added(one: _Load | None, other: _Load) -> _Load:

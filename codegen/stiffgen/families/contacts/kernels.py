@@ -51,29 +51,29 @@ def spring_total(
     "joint_stiffness", or some of them.
     """
     energy, torque, joint_stiffness = (results.get(name) for name in ("energy", "torque", "joint_stiffness"))
-    m, parts, outputs, headings = len(chain.joints), "", list[Array](), list[str]()
+    m = len(chain.joints)
     S, u = Array("S", (6, m)), Array("u", (6, m))
-    # ``outputs`` follow the letters of ``parts`` (contacts.spring_terms); columns of joints must come first.
+    # arrays and heading by the letter of contacts.spring_terms; columns of joints must come first
+    quantities: dict[str, tuple[tuple[Array, ...], str]] = {}
     if joint_stiffness:
-        parts, outputs = "S", [S, u]
-        headings.append("columns S of the joints at one point; covectors u of the loads beyond each joint")
+        quantities["S"] = (S, u), "columns S of the joints at one point; covectors u of the loads beyond each joint"
     if energy:
-        parts, outputs = parts + "U", [*outputs, energy.array(chain)]
-        headings.append("energy U")
-    of_joints = None
+        quantities["U"] = (energy.array(chain),), "energy U"
+    sum_of_torques: Program = ()  # over the joints of each coordinate
     if torque:
-        of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else torque.array(chain)
-        parts, outputs = parts + "T", [*outputs, of_joints]
-        headings.append("torques -S_j . W_j of the joints, W_j the sum of the wrenches beyond joint j")
-    expressions = partial(contacts.spring_terms, spring=spring, parts=parts)
-    arguments = tuple(argument.array(chain) for argument in inputs)
-    program: Program = (
-        StraightLine(
-            tuple(outputs), expressions, arguments, heading="; ".join(headings), columns=2 if joint_stiffness else 0
-        ),
+        total = torque.array(chain)
+        of_joints = Array(f"{torque.name}_of_joints", (m,)) if chain.coupled else total
+        sum_of_torques = (SumJoints(of_joints, total),) if chain.coupled else ()
+        heading = "torques -S_j . W_j of the joints, W_j the sum of the wrenches beyond joint j"
+        quantities["T"] = (of_joints,), heading
+    step = StraightLine(
+        outputs=tuple(array for arrays, _ in quantities.values() for array in arrays),
+        expressions=partial(contacts.spring_terms, spring=spring, parts="".join(quantities)),
+        arguments=tuple(argument.array(chain) for argument in inputs),
+        heading="; ".join(heading for _, heading in quantities.values()),
+        columns=2 if joint_stiffness else 0,
     )
-    if torque and of_joints and chain.coupled:
-        program += (SumJoints(of_joints, torque.array(chain)),)
+    program: Program = (step, *sum_of_torques)
     if joint_stiffness:
         program += over_joints(
             chain,
@@ -124,7 +124,16 @@ def _total(chain: Chain, of: Kernel, summary: str, note: str, spring: Spring | N
         one_pass = partial(joint_stiffness_total, representation=representation, result=result, inputs=inputs)
     equation = f"sum over the tips of {of.equation}"
     return Kernel(
-        f"{of.name}_total", of.group, inputs, results, summary, equation, one_pass, note, batch=True, by_tips=by_tips
+        name=f"{of.name}_total",
+        group=of.group,
+        arguments=inputs,
+        results=results,
+        summary=summary,
+        equation=equation,
+        program=one_pass,
+        note=note,
+        batch=True,
+        by_tips=by_tips,
     )
 
 

@@ -66,16 +66,22 @@ def _limits_energy(q: ca.SX, lower: ca.SX, upper: ca.SX, zone: ca.SX, stiffness:
 
 @dataclass(frozen=True)
 class _LimitNear:
-    """Limits of which the joints are in turn at or beyond the lower and the upper one; sometimes at none."""
+    """Limits of which the joints are in turn at or beyond the lower and the upper one.
+
+    In every fourth state chance decides for each limit, so that a joint is also at both or at none.
+    """
 
     is_upper: bool
 
     def __call__(self, to: Sampling) -> FloatArray:
-        """Return values."""
+        """Return values (states, joints)."""
         state, joint = np.indices(to.size)
-        alternates = ((state + joint) % 2 == 0) != self.is_upper
-        is_at = np.where(state % 4 == 3, to.random.random(to.size) < 0.5, alternates)
-        distance = np.where(is_at, to.random.uniform(-0.2, 0.15, to.size), to.random.uniform(0.5, 1.5, to.size))
+        is_turn_of_lower = (state + joint) % 2 == 0
+        is_turn = ~is_turn_of_lower if self.is_upper else is_turn_of_lower
+        is_at = np.where(state % 4 == 3, to.random.random(to.size) < 0.5, is_turn)
+        # from the joint to the limit [rad or m]: in the limit's zone or beyond the limit, or before all zones
+        near, far = to.random.uniform(-0.2, 0.15, to.size), to.random.uniform(0.5, 1.5, to.size)
+        distance = np.where(is_at, near, far)
         return np.asarray(to.values(Q) + (distance if self.is_upper else -distance))
 
 
@@ -172,9 +178,16 @@ def _joint_potential_kernels(potential: JointPotential) -> tuple[Kernel, ...]:
         steps = partial(program, potential=potential, part=part, result=result)
         inputs = (Q, *potential.parameters)
         return Kernel(
-            part, potential.name, inputs, (result,), f"{summary} {potential.title}.", equation, steps,
-            potential.domain, batch=True,
-        )  # fmt: skip
+            name=part,
+            group=potential.name,
+            arguments=inputs,
+            results=(result,),
+            summary=f"{summary} {potential.title}.",
+            equation=equation,
+            program=steps,
+            note=potential.domain,
+            batch=True,
+        )
 
     return (
         kernel(energy, "Energy of", potential.equation, "energy"),

@@ -14,6 +14,7 @@ rate. A sensor with the sign "environment" reports bias + (f, n), one with the s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -35,12 +36,16 @@ def _sensor_of(chain: Chain) -> MountedSensor:
 
 
 def _place(chain: Chain, pose: ca.SX, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX]:
-    """Return the sensor's rotation in base axes, and the arm from the tip to the sensor in sensor axes [m]."""
+    """Return the sensor's rotation in base axes, and the arm from the tip to the sensor in sensor axes [m].
+
+    The sensor is mounted in the frame of the tip link; the tip's ``pose`` is that of a tool at run time, if any.
+    """
     sensor = _sensor_of(chain)
-    rotation, origin = constant(sensor.rotation), constant(sensor.translation)
-    if tool_pose is None:
-        return ca.densify(pose[:3, :3] @ rotation), rotation.T @ origin
-    return ca.densify(pose[:3, :3] @ tool_pose[:3, :3].T @ rotation), rotation.T @ (origin - tool_pose[:3, 3])
+    rotation, arm = constant(sensor.rotation), constant(sensor.translation)  # in the tip link
+    tip_rotation = pose[:3, :3]
+    if tool_pose is not None:
+        tip_rotation, arm = tip_rotation @ tool_pose[:3, :3].T, arm - tool_pose[:3, 3]
+    return ca.densify(tip_rotation @ rotation), rotation.T @ arm
 
 
 def _sections(R: ca.SX, fall: ca.SX, load: ca.SX) -> tuple[Section, ...]:
@@ -80,15 +85,15 @@ def tip_wrench(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
     R, arm = pose[:3, :3], constant(sensor.translation)
     if tool_pose:
         R, arm = ca.densify(R @ tool_pose[0][:3, :3].T), arm - tool_pose[0][:3, 3]
-    net = _net(chain, reading, bias)
-    force, mass = rotation @ net[:3], payload[0]
-    moment, lever = rotation @ net[3:] + cross(arm, force), rotation @ payload[1:4] + mass * arm
-    heading = "tip axes, about the tip: force fs and moment ns of the net reading, first moment hs of the payload"
-    sections = (
-        Section(heading, {name: ca.densify(x) for name, x in (("fs_", force), ("ns_", moment), ("hs_", lever))}),
-    )
-    weight = ca.vertcat(mass * free_fall, cross(R @ lever, free_fall))
-    return Expressions(ca.densify(ca.vertcat(R @ force, R @ moment) - weight), sections)
+    net, mass = _net(chain, reading, bias), payload[0]
+    # in tip axes about the tip: the net reading, and the payload's first moment
+    force = rotation @ net[:3]
+    moment = rotation @ net[3:] + cross(arm, force)
+    first_moment = rotation @ payload[1:4] + mass * arm
+    names = {"fs_": ca.densify(force), "ns_": ca.densify(moment), "hs_": ca.densify(first_moment)}
+    title = "tip axes, about the tip: force fs and moment ns of the net reading, first moment hs of the payload"
+    weight = ca.vertcat(mass * free_fall, cross(R @ first_moment, free_fall))
+    return Expressions(ca.densify(ca.vertcat(R @ force, R @ moment) - weight), (Section(title, names),))
 
 
 def reading(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
@@ -103,8 +108,12 @@ def reading(chain: Chain, pose: ca.SX, *arguments: ca.SX) -> Expressions:
     return Expressions(ca.densify(value), _sections(R, fall, load))
 
 
-Motion = tuple[ca.SX, ca.SX, ca.SX]
-"""Angular velocity, its rate, and the acceleration of a point, in base axes."""
+class Motion(NamedTuple):
+    """Motion of a frame in base axes: angular velocity w, its rate e, and the acceleration a of its origin."""
+
+    w: ca.SX
+    e: ca.SX
+    a: ca.SX
 
 
 def tip_wrench_dynamic(chain: Chain, *arguments: ca.SX) -> Expressions:
@@ -116,19 +125,19 @@ def tip_wrench_dynamic(chain: Chain, *arguments: ca.SX) -> Expressions:
     *of_configuration, velocity, acceleration, reading, bias, payload = arguments
     configuration = Configuration.of(chain, of_configuration)
     recursion, frames = outward_frames(chain, configuration)
-    rotation, *_ = frames[-1]
+    joint_rotation, *_ = frames[-1]
     motions, sections = _motions(chain, configuration, frames, velocity, acceleration)
-    R, to_sensor, arm = _from_joint(chain, rotation, configuration.tool_pose)
-    angular, rate, linear = _shifted(motions[-1], to_sensor)  # of the sensor's origin, in base axes
-    w, e = R.T @ angular, R.T @ rate
-    fall = ca.densify(R.T @ (constant(_sensor_of(chain).option.gravity) - linear))
-    tensor, moment = _tensor(payload[4:10]), payload[1:4]
-    inertial = ca.vertcat(cross(e, moment) + cross(w, cross(w, moment)), tensor @ e + cross(w, tensor @ w))
-    load = ca.densify(_weight(payload, fall) - inertial)
+    R, to_sensor, arm = _from_joint(chain, joint_rotation, configuration.tool_pose)
+    sensor = _shifted(motions[-1], to_sensor)
+    w, e = R.T @ sensor.w, R.T @ sensor.e  # in sensor axes, as all that follows
+    fall = ca.densify(R.T @ (constant(_sensor_of(chain).option.gravity) - sensor.a))  # g - a
+    h, inertia = payload[1:4], _tensor(payload[4:10])
+    turning = ca.vertcat(cross(e, h) + cross(w, cross(w, h)), inertia @ e + cross(w, inertia @ w))
+    load = ca.densify(_weight(payload, fall) - turning)
     axes, *of_load = _sections(R, fall, load)
-    turning = Section("sensor axes: angular velocity w, its rate e", {"w_": ca.densify(w), "e_": ca.densify(e)})
+    of_rates = Section("sensor axes: angular velocity w, its rate e", {"w_": ca.densify(w), "e_": ca.densify(e)})
     result = _to_tip(chain, R, arm, reading, bias, load)
-    return Expressions(result, (*recursion.sections, *sections, axes, turning, *of_load))
+    return Expressions(result, (*recursion.sections, *sections, axes, of_rates, *of_load))
 
 
 def _from_joint(chain: Chain, rotation: ca.SX, tool_pose: ca.SX | None) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -143,41 +152,46 @@ def _from_joint(chain: Chain, rotation: ca.SX, tool_pose: ca.SX | None) -> tuple
 
 def _shifted(motion: Motion, offset: ca.SX) -> Motion:
     """Return the motion of a point that is fixed in a link, ``offset`` from the one before [m]."""
-    angular, rate, linear = motion
-    return angular, rate, linear + cross(rate, offset) + cross(angular, cross(angular, offset))
+    w, e, a = motion
+    return Motion(w, e, a + cross(e, offset) + cross(w, cross(w, offset)))
 
 
 def _motions(
     chain: Chain, configuration: Configuration, frames: Sequence[Frame], velocity: ca.SX, acceleration: ca.SX
 ) -> tuple[list[Motion], list[Section]]:
-    """Return each joint frame's motion (angular velocity, its rate, acceleration of its origin), and sections with
-    them.
-    """
+    """Return the motion of each joint's frame, and sections with the motions."""
     base_rotation, base_origin = configuration.base
     zero, base_joints = ca.SX(3, 1), chain.base_joints
-    of_base: Motion = (zero, zero, zero)
-    if base_joints:  # the rate of the body twist is that seen from the base
-        w, v = velocity[3:6], velocity[:3]
+    of_base = Motion(zero, zero, zero)
+    if base_joints:  # the rate of the body twist (v, w) is that seen from the base
+        v, w = velocity[:3], velocity[3:6]
         linear = acceleration[:3] + cross(w, v)
-        of_base = base_rotation @ w, base_rotation @ acceleration[3:6], base_rotation @ linear
+        of_base = Motion(base_rotation @ w, base_rotation @ acceleration[3:6], base_rotation @ linear)
     motions, sections = base_joints * [of_base], list[Section]()
     for index, joint in enumerate(chain.joints[base_joints:], start=base_joints):
-        parent = joint.parent
-        motion, origin = (motions[parent], frames[parent][1]) if parent >= 0 else (of_base, base_origin)
-        _, point, axis = frames[index]
-        w, e, a = _shifted(motion, point - origin)
+        parent, parent_origin = of_base, base_origin
+        if joint.parent >= 0:
+            parent, (_, parent_origin, _) = motions[joint.parent], frames[joint.parent]
+        _, origin, axis = frames[index]
+        before_joint = _shifted(parent, origin - parent_origin)
         rate = joint.multiplier * velocity[joint.coordinate] * axis
-        own_acceleration = joint.multiplier * acceleration[joint.coordinate] * axis
-        if joint.prismatic:
-            a = a + 2 * cross(w, rate) + own_acceleration  # a slide's Coriolis acceleration and its own
-        else:
-            w, e = w + rate, e + cross(w, rate) + own_acceleration
-        moving = ca.densify(w), ca.densify(e), ca.densify(a)
-        letters = zip("wea", moving, strict=True)
+        joint_acceleration = joint.multiplier * acceleration[joint.coordinate] * axis
+        motion = _after_joint(before_joint, rate, joint_acceleration, prismatic=joint.prismatic)
         title = f"frame of joint {joint.name}: angular velocity w{index}, its rate e{index}, acceleration a{index}"
-        sections.append(Section(title, {f"{letter}{index}_": each for letter, each in letters}))
-        motions.append(moving)
+        names = {f"w{index}_": motion.w, f"e{index}_": motion.e, f"a{index}_": motion.a}
+        sections.append(Section(title, names))
+        motions.append(motion)
     return motions, sections
+
+
+def _after_joint(motion: Motion, rate: ca.SX, acceleration: ca.SX, *, prismatic: bool) -> Motion:
+    """Return the motion beyond a joint from that before it; rate and acceleration are vectors along its axis."""
+    w, e, a = motion
+    if prismatic:
+        a = a + 2 * cross(w, rate) + acceleration  # Coriolis acceleration of the slide, and its own
+    else:
+        w, e = w + rate, e + cross(w, rate) + acceleration
+    return Motion(ca.densify(w), ca.densify(e), ca.densify(a))
 
 
 def _tensor(entries: ca.SX) -> ca.SX:

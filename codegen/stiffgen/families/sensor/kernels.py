@@ -123,30 +123,38 @@ def sensor_kernels(configuration: tuple[Argument, ...], sensor: MountedSensor, r
     upper, note = arguments.task_stiffness("hybrid", symmetric_part=True), _note(sensor, reference)
     sign = "" if sensor.option.sign == "environment" else "-"
     net = f"w = {sign}(reading - bias)"
+    kernel = partial(Kernel, group=GROUP, note=note, batch=True)
     return (
-        Kernel(
-            "tip_wrench", GROUP, (*configuration, READING, BIAS, PAYLOAD), (wrench,),
-            "Wrench of the environment at the tip, from the reading of a robot at rest.",
-            f"F = X^T ({net} - weight of the payload), X^T from the sensor to the tip",
-            partial(tip_wrench, result=wrench), note, batch=True,
+        kernel(
+            name="tip_wrench",
+            arguments=(*configuration, READING, BIAS, PAYLOAD),
+            results=(wrench,),
+            summary="Wrench of the environment at the tip, from the reading of a robot at rest.",
+            equation=f"F = X^T ({net} - weight of the payload), X^T from the sensor to the tip",
+            program=partial(tip_wrench, result=wrench),
         ),
-        Kernel(
-            "reading", GROUP, (*configuration, WRENCH, BIAS, PAYLOAD), (reported,),
-            "Reading of the sensor of a robot at rest, for simulations; the inverse of tip_wrench.",
-            f"reading of {net} = X^-T F + weight of the payload",
-            partial(reading, result=reported), note, batch=True,
+        kernel(
+            name="reading",
+            arguments=(*configuration, WRENCH, BIAS, PAYLOAD),
+            results=(reported,),
+            summary="Reading of the sensor of a robot at rest, for simulations; the inverse of tip_wrench.",
+            equation=f"reading of {net} = X^-T F + weight of the payload",
+            program=partial(reading, result=reported),
         ),
-        Kernel(
-            "tip_wrench_dynamic", GROUP,
-            (*configuration, VELOCITY, ACCELERATION, READING, BIAS, MOVING_PAYLOAD), (wrench,),
-            "Wrench of the environment at the tip, from the reading of a robot in motion.",
-            f"F = X^T ({net} - weight + rate of the payload's momentum), Newton and Euler",
-            partial(tip_wrench_dynamic, result=wrench), note, batch=True,
+        kernel(
+            name="tip_wrench_dynamic",
+            arguments=(*configuration, VELOCITY, ACCELERATION, READING, BIAS, MOVING_PAYLOAD),
+            results=(wrench,),
+            summary="Wrench of the environment at the tip, from the reading of a robot in motion.",
+            equation=f"F = X^T ({net} - weight + rate of the payload's momentum), Newton and Euler",
+            program=partial(tip_wrench_dynamic, result=wrench),
         ),
-        Kernel(
-            "joint_stiffness", GROUP, (*configuration, READING, BIAS, PAYLOAD, upper), (stiffness,),
-            "Symmetric joint stiffness under the wrench of a reading, in one pass over the joints.",
-            "Kq of hybrid.joint_stiffness at F = tip_wrench(q, reading, bias, payload)",
-            partial(joint_stiffness, result=stiffness, task_stiffness=upper), note, batch=True,
+        kernel(
+            name="joint_stiffness",
+            arguments=(*configuration, READING, BIAS, PAYLOAD, upper),
+            results=(stiffness,),
+            summary="Symmetric joint stiffness under the wrench of a reading, in one pass over the joints.",
+            equation="Kq of hybrid.joint_stiffness at F = tip_wrench(q, reading, bias, payload)",
+            program=partial(joint_stiffness, result=stiffness, task_stiffness=upper),
         ),
-    )  # fmt: skip
+    )

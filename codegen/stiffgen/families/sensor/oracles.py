@@ -13,13 +13,14 @@ from stiffgen.families.sensor.reference import expressions
 
 
 def sensor(r: References) -> dict[str, FloatArray]:
-    """Wrenches and readings of a force-torque sensor, by the kernel's name."""
-    poses = joint_poses(r.chain, r.place.q, r.place.base())
-    of_sensor = expressions(r.chain, r.place, poses[r.chain.tips[0].joint], r.pose_expression)
-    return {
-        name: r.evaluate(value, symbols, [as_columns(each) for each in r.samples.of(arguments)])[..., 0]
-        for name, (value, symbols, arguments) in of_sensor.items()
-    }
+    """Return wrenches and readings of a force-torque sensor, by the kernel's name."""
+    (tip,) = r.chain.tips
+    joint_pose = joint_poses(r.chain, r.place.q, r.place.base())[tip.joint]
+    results = {}
+    for name, (value, symbols, arguments) in expressions(r.chain, r.place, joint_pose, tip=r.pose_expression).items():
+        columns = [as_columns(each) for each in r.samples.of(arguments)]
+        results[name] = r.evaluate(value, symbols, columns)[..., 0]
+    return results
 
 
 def _of_sensor(r: References, name: str) -> FloatArray:

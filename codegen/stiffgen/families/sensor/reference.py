@@ -36,19 +36,22 @@ def sensor_pose(chain: Chain, joint_pose: ca.SX) -> ca.SX:
 
 
 def _wrench_at_origin(power: ca.SX) -> ca.SX:
-    """Return force and moment about the origin of forces on particles, from sum of x f^T with x = (position, 1)."""
-    turned = power[:3, :3]
-    moment = [turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2], turned[0, 1] - turned[1, 0]]
+    """Return force and moment about the origin of forces on particles, from sum of (x, 1) f^T with the positions x.
+
+    The last row is the force; x x f has the entries x_i f_j - x_j f_i.
+    """
+    xf = power[:3, :3]
+    moment = [xf[1, 2] - xf[2, 1], xf[2, 0] - xf[0, 2], xf[0, 1] - xf[1, 0]]
     return ca.vertcat(power[3, :3].T, *moment)
 
 
 def payload_wrench(chain: Chain, pose: ca.SX, acceleration: ca.SX, payload: ca.SX) -> ca.SX:
     """Return the wrench of weight less inertia on the sensor, about the origin of the frame of reference."""
     assert chain.sensor is not None
-    P = second_moments(payload)
-    moments = pose @ P
-    weight = moments[:, 3] @ ca.DM(chain.sensor.option.gravity).T  # sum of x (m g)^T
-    return _wrench_at_origin(weight - (moments @ acceleration.T)[:, :3])
+    moments = pose @ second_moments(payload)  # sum of m (x, 1) (y, 1)^T: x in reference axes, y in sensor axes
+    weight = moments[:, 3] @ ca.DM(chain.sensor.option.gravity).T  # sum of (x, 1) (m g)^T
+    inertia = moments @ acceleration.T  # sum of (x, 1) (m d2x/dt2)^T
+    return _wrench_at_origin(weight - inertia[:, :3])
 
 
 def _moved(force_and_moment: ca.SX, by: ca.SX) -> ca.SX:
@@ -92,25 +95,27 @@ def expressions(
     a + (w x v, 0).
     """
     base_joints, n = place.moves.shape[0], chain.dof
-    r, b, F, rates, accelerations = (
-        ca.SX.sym(name, size) for name, size in (("r", 6), ("b", 6), ("F", 6), ("dq", n), ("ddq", n))
-    )
-    at_rest, moving = ca.SX.sym("l", 4), ca.SX.sym("l10", 10)
+    reading, bias, F = ca.SX.sym("r", 6), ca.SX.sym("b", 6), ca.SX.sym("F", 6)
+    rates, accelerations = ca.SX.sym("dq", n), ca.SX.sym("ddq", n)
+    payload, moving_payload = ca.SX.sym("l", 4), ca.SX.sym("l10", 10)
     pose, second = sensor_pose(chain, joint_pose), accelerations
     if base_joints:
-        second = ca.vertcat(accelerations[:3] + ca.cross(rates[3:6], rates[:3]), accelerations[3:])
+        v, w = rates[:3], rates[3:6]
+        second = ca.vertcat(accelerations[:3] + ca.cross(w, v), accelerations[3:])
     flat = ca.vec(pose)
     # The pose's second time derivative: velocities twice, then accelerations once.
-    along = ca.jtimes(ca.jtimes(flat, place.coordinates, rates), place.coordinates, rates)
-    motion = ca.reshape(along + ca.jtimes(flat, place.coordinates, second), 4, 4)
-    still = environment_wrench(chain, pose, tip, ca.SX.zeros(4, 4), r, b, at_rest)
-    moved = environment_wrench(chain, pose, tip, motion, r, b, moving)
+    of_velocities = ca.jtimes(ca.jtimes(flat, place.coordinates, rates), place.coordinates, rates)
+    of_accelerations = ca.jtimes(flat, place.coordinates, second)
+    acceleration = ca.reshape(of_velocities + of_accelerations, 4, 4)
+    at_rest = environment_wrench(chain, pose, tip, ca.SX.zeros(4, 4), reading, bias, payload)
+    moving = environment_wrench(chain, pose, tip, acceleration, reading, bias, moving_payload)
+    reported = reading_of(chain, pose, tip, F, bias, payload)
     return {
-        "tip_wrench": (still, [r, b, at_rest], (READING, BIAS, PAYLOAD)),
-        "reading": (reading_of(chain, pose, tip, F, b, at_rest), [F, b, at_rest], (WRENCH, BIAS, PAYLOAD)),
+        "tip_wrench": (at_rest, [reading, bias, payload], (READING, BIAS, PAYLOAD)),
+        "reading": (reported, [F, bias, payload], (WRENCH, BIAS, PAYLOAD)),
         "tip_wrench_dynamic": (
-            moved,
-            [rates, accelerations, r, b, moving],
+            moving,
+            [rates, accelerations, reading, bias, moving_payload],
             (VELOCITY, ACCELERATION, READING, BIAS, MOVING_PAYLOAD),
         ),
     }

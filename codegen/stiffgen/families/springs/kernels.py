@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import casadi as ca
@@ -44,29 +43,28 @@ def spring_joint_terms(
     """Return the program of docs/theory.md (1): energy, torque, joint stiffness of a spring, or some, in one pass."""
     pose, m = POSE.array(chain), len(chain.joints)
     J, F, K = Array("J", (6, m)), Array("F", (6,)), Array("K", (6, 6))
-    columns = columns_and_pose(chain, J, pose)
-    outputs = [F, K] if joint_stiffness else [F]
-    parts = "Fk" if joint_stiffness else "F"
-    if energy:
-        outputs, parts = [energy.array(chain), *outputs], "U" + parts
-    # once for the tip; then a loop over the joints for each result in joints
-    program: Program = (columns, spring_step(chain, spring, pose, tuple(outputs), parts))
-    if torque:
+    parts = "U" * bool(energy) + "F" + "k" * bool(joint_stiffness)  # letters of springs.terms()
+    array_of = {"F": F, "k": K} | ({"U": energy.array(chain)} if energy else {})
+    outputs = tuple(array_of[part] for part in parts)
+
+    def torques(output: Array) -> Program:
         operands = Operand(J, "j"), Operand(F, "")
+        return (Map("torque_j = -J_j . F", Over.JOINTS, Operand(output, "j"), operands, _minus_dot),)
 
-        def dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
-            return ca.SX(-ca.dot(column, wrench))
+    def stiffness(output: Array) -> Program:
+        return tangent(chain, J, F, K, "hybrid", output)
 
-        program += over_joints(
-            chain,
-            torque,
-            lambda output: (Map("torque_j = -J_j . F", Over.JOINTS, Operand(output, "j"), operands, dot),),
-        )
+    # once for the tip; then a loop over the joints for each result in joints
+    program: Program = (columns_and_pose(chain, J, pose), spring_step(chain, spring, pose, outputs, parts))
+    if torque:
+        program += over_joints(chain, torque, torques)
     if joint_stiffness:
-        program += over_joints(
-            chain, joint_stiffness, lambda output: tangent(chain, J, F, K, "hybrid", output), mirror=True
-        )
+        program += over_joints(chain, joint_stiffness, stiffness, mirror=True)
     return program
+
+
+def _minus_dot(column: ca.SX, wrench: ca.SX) -> ca.SX:
+    return ca.SX(-ca.dot(column, wrench))
 
 
 _ENERGY = Argument("energy", (), "J", "energy U of the spring, 0 at the equilibrium")
@@ -100,57 +98,50 @@ def spring_kernels(spring: Spring, configuration: tuple[Argument, ...]) -> tuple
     terms, joint_terms = spring_terms, spring_joint_terms
     hessian = "Kq = dJ^T/dq . F + J^T (K + Gamma F) J with F = dU and K the covariant Hessian"
 
-    def kernel(
-        name: str,
-        results: tuple[Argument, ...],
-        summary: str,
-        equation: str,
-        program: Callable[[Chain], Program],
-        part_of: str = "",
-    ) -> Kernel:
-        arguments = (*configuration, *spring.parameters)
-        return Kernel(
-            name,
-            spring.name,
-            arguments,
-            results,
-            summary,
-            equation,
-            program,
-            spring.domain,
-            batch=True,
-            part_of=part_of,
-        )
-
+    inputs = (*configuration, *spring.parameters)
+    kernel = partial(Kernel, group=spring.name, arguments=inputs, note=spring.domain, batch=True)
     return (
         kernel(
-            "energy", (energy,), "Energy of the spring between the tip and the equilibrium.", spring.equation,
-            partial(terms, spring=spring, results=(energy,), parts="U"),
+            name="energy",
+            results=(energy,),
+            summary="Energy of the spring between the tip and the equilibrium.",
+            equation=spring.equation,
+            program=partial(terms, spring=spring, results=(energy,), parts="U"),
         ),
         kernel(
-            "wrench", (_SPRING_WRENCH,), "Wrench of the spring: gradient of its energy.", "F = dU",
-            partial(terms, spring=spring, results=(_SPRING_WRENCH,), parts="F"),
+            name="wrench",
+            results=(_SPRING_WRENCH,),
+            summary="Wrench of the spring: gradient of its energy.",
+            equation="F = dU",
+            program=partial(terms, spring=spring, results=(_SPRING_WRENCH,), parts="F"),
         ),
         kernel(
-            "task_stiffness", (_SPRING_TASK_STIFFNESS,),
-            "Task stiffness of the spring: covariant Hessian of its energy.",
-            "K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0",
-            partial(terms, spring=spring, results=(_SPRING_TASK_STIFFNESS,), parts="K"),
+            name="task_stiffness",
+            results=(_SPRING_TASK_STIFFNESS,),
+            summary="Task stiffness of the spring: covariant Hessian of its energy.",
+            equation="K_ij = d2/dx_i dx_j U(p + v, exp([w]) R) at x = (v, w) = 0",
+            program=partial(terms, spring=spring, results=(_SPRING_TASK_STIFFNESS,), parts="K"),
         ),
         kernel(
-            "torque", (torque,), "Joint torque of the spring.", "-dU/dq = -J^T F with F = dU",
-            partial(joint_terms, spring=spring, torque=torque),
+            name="torque",
+            results=(torque,),
+            summary="Joint torque of the spring.",
+            equation="-dU/dq = -J^T F with F = dU",
+            program=partial(joint_terms, spring=spring, torque=torque),
         ),
         kernel(
-            "joint_stiffness", (joint,), "Joint stiffness of the spring: the exact tangent of its torque.",
-            f"d2U/dq2 = {hessian} (Lachner, Nah, Hogan 2025)",
-            partial(joint_terms, spring=spring, joint_stiffness=joint),
+            name="joint_stiffness",
+            results=(joint,),
+            summary="Joint stiffness of the spring: the exact tangent of its torque.",
+            equation=f"d2U/dq2 = {hessian} (Lachner, Nah, Hogan 2025)",
+            program=partial(joint_terms, spring=spring, joint_stiffness=joint),
             part_of="linearization",
         ),
         kernel(
-            "linearization", (energy, torque, joint),
-            "Energy, torque and joint stiffness of the spring in one call.",
-            f"U, -dU/dq = -J^T F, d2U/dq2 = {hessian}",
-            partial(joint_terms, spring=spring, energy=energy, torque=torque, joint_stiffness=joint),
+            name="linearization",
+            results=(energy, torque, joint),
+            summary="Energy, torque and joint stiffness of the spring in one call.",
+            equation=f"U, -dU/dq = -J^T F, d2U/dq2 = {hessian}",
+            program=partial(joint_terms, spring=spring, energy=energy, torque=torque, joint_stiffness=joint),
         ),
-    )  # fmt: skip
+    )

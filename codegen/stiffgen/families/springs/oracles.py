@@ -44,9 +44,10 @@ def _bound(spring: str) -> Callable[[References], FloatArray]:
 
     def bound(r: References) -> FloatArray:
         J, values = r.jacobian["hybrid"], r.of(springs)[spring]
-        task = np.abs(values["task_stiffness"]).sum(2)
-        load = np.abs(values["joint_stiffness"] - np.swapaxes(J, 1, 2) @ values["task_stiffness"] @ J).sum(2)
-        result: FloatArray = np.swapaxes(J, 1, 2) @ (task[:, :, None] * J) + load[:, :, None] * np.eye(J.shape[2])
+        J_T, K = np.swapaxes(J, 1, 2), values["task_stiffness"]
+        A = values["joint_stiffness"] - J_T @ K @ J
+        of_K, of_A = np.abs(K).sum(axis=2), np.abs(A).sum(axis=2)  # sums over each row, (samples, rows)
+        result: FloatArray = J_T @ (of_K[:, :, None] * J) + of_A[:, :, None] * np.eye(J.shape[2])
         return result
 
     return bound

@@ -14,7 +14,7 @@ docs/theory.md has the table of the symbols.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -56,6 +56,12 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
     return 0.5 * (matrix + matrix.T)
 
 
+def _other_two(matrix: ca.SX, k: int) -> ca.SX:
+    """Return tr(A) - A_kk of a matrix (3x3), in which A_kk cancels: the sum of the other two diagonal entries."""
+    i, j = (k + 1) % 3, (k + 2) % 3
+    return matrix[i, i] + matrix[j, j]
+
+
 def _blocks(force: ca.SX, moment: ca.SX, vv: ca.SX, vw: ca.SX, ww: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return wrench and Hessian from their blocks."""
     return ca.vertcat(force, moment), ca.vertcat(ca.horzcat(vv, vw), ca.horzcat(vw.T, ww))
@@ -87,23 +93,25 @@ class Displacement:
         """Return the displacement between a pose (p [m], R) and the equilibrium H (4x4), of the centre of stiffness
         if any.
         """
-        e, arm = p - H[:3, 3], None  # arm: from the tip to the centre of stiffness, in base axes
+        p0, R0 = H[:3, 3], H[:3, :3]
+        e, arm = p - p0, None  # arm: from the tip to the centre of stiffness, in base axes
+        title, values = "displacement e of the tip, in base axes", {"e": e}
         if any(centre):
             c = ca.SX(ca.sparsify(ca.DM(centre)))
-            e, arm = e + (R - H[:3, :3]) @ c, R @ c
-        what = "centre of stiffness" if any(centre) else "tip"
-        values = {"D": R - H[:3, :3], "e": e} if any(centre) else {"e": e}
-        title = f"displacement e of the {what}, in base axes" + ("; D = R - R0" if any(centre) else "")
+            D = R - R0
+            e, arm = e + D @ c, R @ c
+            title, values = "displacement e of the centre of stiffness, in base axes; D = R - R0", {"D": D, "e": e}
         if axes == "base":
-            return Displacement(e, None, arm, arm, False, Section(title, values))
-        X = R if axes == "tip" else H[:3, :3]
+            section = Section(title, values)
+            return Displacement(d=e, X=None, arm=arm, bend=arm, with_tip=False, section=section)
+        X = R if axes == "tip" else R0
         d = X.T @ e
-        values["d"] = d
-        title += f"; d: in the {axes}'s axes"
+        section = Section(f"{title}; d: in the {axes}'s axes", {**values, "d": d})
         if axes == "equilibrium":
-            return Displacement(d, X, arm, arm, False, Section(title, values))
-        bend = e if arm is None else e - arm  # second derivative in axes that turn with the tip, see Displacement.bend
-        return Displacement(d, X, -bend, bend, True, Section(title, values))
+            return Displacement(d=d, X=X, arm=arm, bend=arm, with_tip=False, section=section)
+        # d = R^T e in axes that turn with the tip: R d' = v + w x arm - w x e.
+        bend = e if arm is None else e - arm
+        return Displacement(d=d, X=X, arm=-bend, bend=bend, with_tip=True, section=section)
 
     def in_base(self, vector: ca.SX) -> ca.SX:
         """Return a vector of the stiffness' axes in base axes."""
@@ -116,19 +124,21 @@ class Displacement:
         moment arm x f, the coupling vw = -S [arm] and the rotational block ww; -[f] is added to vw for tip axes.
         """
         f, S = self.in_base(force), stiffness  # force [N] and stiffness [N/m] in base axes
-        sections = [self.section, Section("force f", {"f": f})]
-        if self.X is not None:
+        sections = [self.section]
+        if self.X is None:
+            sections.append(Section("force f", {"f": f}))
+        else:
             XK = self.X @ stiffness
             S = symmetric_from_upper(XK @ self.X.T)
-            sections[1:] = (
+            sections += (
                 Section("force: fd in the axes X of the stiffness, f in base axes", {"fd": force, "f": f}),
                 Section("stiffness in base axes: S = XK X^T, XK = X Kt", {"XK": XK, "S": S}),
             )
-        moment, vw, ww, products = ca.SX(3, 1), ca.SX(3, 3), ca.SX(3, 3), dict[str, ca.SX]()
+        moment, vw, ww = ca.SX(3, 1), ca.SX(3, 3), ca.SX(3, 3)
         if self.arm is not None and self.bend is not None:
             arm, bend = ca.skew(self.arm), self.bend
             SA = S @ arm  # the spring's force per turn of the tip, without its sign
-            products |= {f"S{i}{j}_b{k}": S[i, j] * bend[k] for i in range(3) for j in range(i, 3) for k in range(3)}
+            products = {f"S{i}{j}_b{k}": S[i, j] * bend[k] for i in range(3) for j in range(i, 3) for k in range(3)}
             products |= {f"f{i}_b{k}": f[i] * bend[k] for i in range(3) for k in range(3)}
             sign = "-" if self.with_tip else ""
             sections += (
@@ -193,9 +203,9 @@ def _trace_form(R: ca.SX, R0: ca.SX, D: ca.SX, Ko: ca.SX, *, rotation: str, diff
         Section("twice the energy", {"twice_Vo": work}, shared=True),
     )  # fmt: skip
     V = 0.5 * work
-    hessian = -_symmetric(P)
-    for k in range(3):  # tr(P) - P_kk, in which P_kk cancels: the sum of the other two
-        hessian[k, k] = P[(k + 1) % 3, (k + 1) % 3] + P[(k + 2) % 3, (k + 2) % 3]
+    hessian = -_symmetric(P)  # tr(P) I - sym(P)
+    for k in range(3):
+        hessian[k, k] = _other_two(P, k)
     zero = ca.SX(3, 3)
     F, K = _blocks(ca.SX(3, 1), _axial(Y), zero, zero, hessian)
     return Terms(V, F, K, sections)
@@ -271,10 +281,19 @@ loses the digits of 1/x^2 twice, but multiplies eps^T Ko eps, which is of the or
 """
 
 
+def _polynomial(coefficients: Sequence[float], x: ca.SX) -> ca.SX:
+    """Return c_0 + c_1 x + c_2 x^2 + ..., by Horner's scheme."""
+    value = ca.SX(0)
+    for coefficient in reversed(coefficients):
+        value = value * x + coefficient
+    return value
+
+
 def rotation_vector_factor(eta: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, dict[str, ca.SX]]:
     """Return g = 2 h^2 and its derivatives, h = acos(eta)/sqrt(1 - eta^2) the half angle divided by its sine.
 
-    From (1 - eta^2) h' = eta h - 1 follows (1 - eta^2) h'' = h + 3 eta h'.
+    From (1 - eta^2) h' = eta h - 1 follows (1 - eta^2) h'' = h + 3 eta h'. Near eta = 1, h is a series s in x =
+    1 - eta^2, whose derivatives with respect to eta are h' = -2 eta s'(x) and h'' = 4 eta^2 s''(x) - 2 s'(x).
     """
     square = 1 - eta * eta
     is_near = square < _SERIES_BOUND
@@ -283,11 +302,9 @@ def rotation_vector_factor(eta: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, dict[str, c
     far = 2 * ca.atan(sine / (1 + eta)) / sine
     far_first = (eta * far - 1) / away
     far_second = (far + 3 * eta * far_first) / away
-    near, slope, bend = ca.SX(0), ca.SX(0), ca.SX(0)  # the series, its first and second derivative, in powers of square
-    for k in reversed(range(len(_SERIES))):
-        near = near * square + _SERIES[k]
-        slope = slope * square + k * _SERIES[k] if k > 0 else slope
-        bend = bend * square + k * (k - 1) * _SERIES[k] if k > 1 else bend
+    near = _polynomial(_SERIES, square)
+    slope = _polynomial([k * c for k, c in enumerate(_SERIES)][1:], square)
+    bend = _polynomial([k * (k - 1) * c for k, c in enumerate(_SERIES)][2:], square)
     h = ca.if_else(is_near, near, far)
     first = ca.if_else(is_near, -2 * eta * slope, far_first)
     second = ca.if_else(is_near, 4 * eta * eta * bend - 2 * slope, far_second)
@@ -358,31 +375,30 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     to w is M = (tr(N) I - N)/2. The middle term therefore has the force K12 sigma (with that of K11) and the moment
     M^T Y K12^T d; without K12 the other two are a translation and a trace form.
     """
-    displacement, R0 = Displacement.of(p, R, H, axes[0], centre), H[:3, :3]
-    d = displacement.d
-    sine = sigma = 0.5 * _axial(R0.T @ (R - R0))
-    Y = ca.SX.eye(3) if axes[1] == "base" else R0
-    turn = {}
-    if axes[1] == "base":
-        turn, sigma = {"turn": sine}, R0 @ sine
-    # force [N] of the turn, moment [N m] of the displacement
-    Ks, Kd = K[:3, 3:] @ sigma, K[:3, 3:].T @ d
-    Kl = K[:3, :3] @ d
-    linear = displacement.terms(Kl + Ks, K[:3, :3], ca.dot(d, 0.5 * Kl + Ks))
-    turning = trace_form(R, H, K[3:, 3:], axes[1])
+    translation_axes, rotation_axes = axes
+    K11, K12, K22 = K[:3, :3], K[:3, 3:], K[3:, 3:]
+    displacement, R0 = Displacement.of(p, R, H, translation_axes, centre), H[:3, :3]
+    d, X = displacement.d, displacement.X
+    sine = 0.5 * _axial(R0.T @ (R - R0))  # in the equilibrium's axes
+    Y, sigma, turn = R0, sine, dict[str, ca.SX]()
+    if rotation_axes == "base":
+        Y, sigma, turn = ca.SX.eye(3), R0 @ sine, {"turn": sine}
+    # forces [N] of the displacement and of the turn, moment [N m] of the displacement
+    Kl, Ks, Kd = K11 @ d, K12 @ sigma, K12.T @ d
+    linear = displacement.terms(Kl + Ks, K11, ca.dot(d, 0.5 * Kl + Ks))
+    turning = trace_form(R, H, K22, rotation_axes)
     N = R @ R0.T
     M = -0.5 * N
     for k in range(3):
-        M[k, k] = 0.5 * (N[(k + 1) % 3, (k + 1) % 3] + N[(k + 2) % 3, (k + 2) % 3])
-    X = ca.SX.eye(3) if displacement.X is None else displacement.X
-    XK, pull = X @ K[:3, 3:], Y @ Kd  # rows of K12 and the moment K12^T d in base axes
+        M[k, k] = 0.5 * _other_two(N, k)
+    XK, pull = (ca.SX.eye(3) if X is None else X) @ K12, Y @ Kd  # rows of K12 and the moment K12^T d in base axes
     C = XK @ Y.T
     CM = C @ M
     # second derivative of the middle term with respect to the rotation: that of a trace form with [-pull]
     bend = N @ ca.skew(-pull)
     ww = 0.5 * _symmetric(bend)
     for k in range(3):
-        ww[k, k] = -0.5 * (bend[(k + 1) % 3, (k + 1) % 3] + bend[(k + 2) % 3, (k + 2) % 3])
+        ww[k, k] = -0.5 * _other_two(bend, k)
     if displacement.arm is not None:
         ww += 2 * _symmetric(ca.skew(displacement.arm) @ CM)
     F, K6 = _blocks(ca.SX(3, 1), M.T @ pull, ca.SX(3, 3), CM, ww)
@@ -405,20 +421,24 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
 
 
 def bounded(part: Terms, stiffness: ca.SX, limit: ca.SX, suffix: str) -> Terms:
-    """Return the terms of U = 2 V/(1 + rho), rho = sqrt(1 + 2 V kappa/limit^2): dU = dV/rho.
+    """Return the terms of U = 2 V/(1 + rho), rho = sqrt(1 + 2 soft V), soft = kappa/limit^2.
+
+    From rho^2 = 1 + 2 soft V follows d rho = soft dV/rho, so that
+
+        dU = dV/rho        d2U = d2V/rho - soft/rho dU dU^T
 
     No force or moment is larger than the limit: |dV|^2 <= 2 kappa V, kappa at least the largest eigenvalue of the
     stiffness. kappa is the largest sum of absolute values in a row, which is the largest eigenvalue of a diagonal
-    stiffness.
+    stiffness. ``suffix`` ends the names in C.
     """
     sizes = ca.fabs(stiffness)
-    sums = [sum((sizes[i, j] for j in range(3)), ca.SX(0)) for i in range(3)]
-    kappa = ca.fmax(ca.fmax(sums[0], sums[1]), sums[2])
+    row_sums = [sum((sizes[i, j] for j in range(3)), ca.SX(0)) for i in range(3)]
+    kappa = ca.fmax(ca.fmax(row_sums[0], row_sums[1]), row_sums[2])
     soft = kappa / (limit * limit)
     rho = ca.sqrt(1 + 2 * soft * part.V)
     F = part.F / rho
     bent = soft / rho
-    t = suffix  # of the names in C
+    t = suffix
     energy = {f"V{t}": part.V, f"size{t}": sizes, f"kappa{t}": kappa, f"soft{t}": soft, f"rho{t}": rho}
     sections = (
         Section(f"V{t}: energy without limit; kappa{t} >= eigenvalues; soft{t} = kappa{t}/limit^2; rho{t}", energy),

@@ -78,12 +78,15 @@ def tangent_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, 
     several = len(chain.tips) > 1
     return tuple(
         Kernel(
-            "positive_tangent", spring.name, (*configuration, *spring.parameters), (_POSITIVE,),
-            "Positive tangent of the spring's torque, for implicit steps.",
-            "P = J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|), A = dJ^T/dq . F + J^T (Gamma F) J with F = dU and K "
-            "the covariant Hessian; -P <= d2U/dq2 <= P",
-            partial(positive_tangent, spring=spring),
-            spring.domain,
+            name="positive_tangent",
+            group=spring.name,
+            arguments=(*configuration, *spring.parameters),
+            results=(_POSITIVE,),
+            summary="Positive tangent of the spring's torque, for implicit steps.",
+            equation="P = J^T diag(sum_j |K_ij|) J + diag(sum_j |A_ij|), A = dJ^T/dq . F + J^T (Gamma F) J with F = dU "
+            "and K the covariant Hessian; -P <= d2U/dq2 <= P",
+            program=partial(positive_tangent, spring=spring),
+            note=spring.domain,
             batch=True,
             is_gradient=True,  # absolute values have corners, and a step's matrix needs no derivative
             on_request=WORD,
@@ -91,4 +94,4 @@ def tangent_kernels(chain: Chain, springs: tuple[Spring, ...]) -> tuple[Kernel, 
         )
         for tip in chain.tips
         for spring in springs
-    )  # fmt: skip
+    )
