@@ -78,15 +78,14 @@ class _Rod:
     @staticmethod
     def of(C: ca.SX, rows: list[int], columns: list[int], units: Units) -> _Rod:
         """Return the rod of a loop with 2 rows and 1 column, or 3 rows and 2 columns; see the head of the module."""
-        vectors = [[ca.SX(C[row, column]) for row in rows] for column in columns]
+        vectors = [[ca.SX(C[row, column]) for row in rows] for column in columns]  # c_1, or c_1 and c_2
         if len(rows) == 2:
-            normal = [-vectors[0][1], vectors[0][0]]
-            duals = vectors
+            ((x, y),) = vectors
+            normal, duals = [-y, x], vectors  # c_1 is as long as n, so that its dual is c_1 / n.n
         else:
-            first, second = (ca.vertcat(*vector) for vector in vectors)
-            plane = cross(first, second)
-            normal = ca.vertsplit(plane)
-            duals = [ca.vertsplit(cross(second, plane)), ca.vertsplit(cross(plane, first))]
+            c_1, c_2 = (ca.vertcat(*vector) for vector in vectors)
+            n = cross(c_1, c_2)
+            normal, duals = ca.vertsplit(n), [ca.vertsplit(cross(c_2, n)), ca.vertsplit(cross(n, c_1))]
         squared = _dot(normal, normal)
         least = SINGULAR**2 * math.prod(units.column(column) for column in columns)
         inverse = reciprocal_or_nan(squared, squared, least)
@@ -133,12 +132,12 @@ class Factors:
     def solve(self, right: Sequence[ca.SX]) -> Entries:
         """Return the solution x of A x = right, in the order of the columns; ``right`` is in the order of the rows."""
         b = dict(zip(self.rows, map(ca.SX, right), strict=True))
-        reduced = [_dot(rod.normal, [b[row] for row in rod.rows]) for rod in self.rods]
-        shared = self.core.solve([*reduced, *(b[row] for row in self.others)])
+        along_normals = [_dot(rod.normal, [b[row] for row in rod.rows]) for rod in self.rods]
+        shared = self.core.solve([*along_normals, *(b[row] for row in self.others)])
         x = dict(zip(self.shared, shared, strict=True))
         for rod in self.rods:
-            rest = [b[row] - _dot([self.C[row, k] for k in self.shared], shared) for row in rod.rows]
-            x |= {column: _dot(dual, rest) for column, dual in zip(rod.columns, rod.duals, strict=True)}
+            remainder = [b[row] - _dot([self.C[row, k] for k in self.shared], shared) for row in rod.rows]
+            x |= {column: _dot(dual, remainder) for column, dual in zip(rod.columns, rod.duals, strict=True)}
         return [x[column] for column in self.columns]
 
     def solve_transposed(self, right: Sequence[ca.SX]) -> Entries:
@@ -148,24 +147,23 @@ class Factors:
         normal, from what the first part leaves of the other columns' equations.
         """
         b = dict(zip(self.columns, map(ca.SX, right), strict=True))
-        y: dict[int, ca.SX] = {}
+        y: dict[int, ca.SX] = {}  # of the rods' rows, in the planes of their columns
         for rod in self.rods:
-            y |= {
-                row: _dot([dual[i] for dual in rod.duals], [b[k] for k in rod.columns])
-                for i, row in enumerate(rod.rows)
-            }
-        rest = [b[k] - _dot([self.C[row, k] for row in y], y.values()) for k in self.shared]
-        of_core = self.core.solve_transposed(rest)
-        for rod, value in zip(self.rods, of_core, strict=False):  # then come the rows without a rod
+            of_columns = [b[k] for k in rod.columns]
+            y |= {row: _dot([dual[i] for dual in rod.duals], of_columns) for i, row in enumerate(rod.rows)}
+        remainder = [b[k] - _dot([self.C[row, k] for row in y], y.values()) for k in self.shared]
+        of_core = self.core.solve_transposed(remainder)
+        along_normals, of_others = of_core[: len(self.rods)], of_core[len(self.rods) :]
+        for rod, value in zip(self.rods, along_normals, strict=True):
             y |= {row: y[row] + x * value for row, x in zip(rod.rows, rod.normal, strict=True)}
-        return [y[row] for row in self.rows[: len(y)]] + of_core[len(self.rods) :]
+        return [y[row] for rod in self.rods for row in rod.rows] + of_others
 
     def condition(self) -> ca.SX:
         """Return |C| |C_p^-1| - (n - 1) of the block without units, n its number of equations, in Frobenius' norm.
 
         C has the block's rows and the columns of all coordinates. The norms of an n x n matrix and its inverse multiply
         to n or more, so that the result is at least 1. It is at least cond(C_p) - 1 in the spectral norm, and grows
-        with G = -C_p^-1 C_a.
+        with G = -C_p^-1 C_a. Frobenius' norm is the root of the sum of all squares.
         """
         squares, inverse_squares, n = ca.SX(0), ca.SX(0), len(self.rows)
         for row in self.rows:
@@ -174,7 +172,8 @@ class Factors:
                 if not value.is_zero():
                     squares += self.units.entry(row, coordinate) * value * value
         for equation, row in enumerate(self.rows):
-            column_of_inverse = self.solve([ca.SX(int(k == equation)) for k in range(n)])
+            unit_vector = [ca.SX(int(k == equation)) for k in range(n)]
+            column_of_inverse = self.solve(unit_vector)
             for coordinate, value in zip(self.columns, column_of_inverse, strict=True):
                 inverse_squares += value * value / self.units.entry(row, coordinate)  # it has the inverse unit
         return ca.sqrt(squares * inverse_squares) - (n - 1)
@@ -209,16 +208,26 @@ class _Reflections:
 
     Columns with few entries come first, each with a row in which it has one, so that reflections stay short. The
     arguments are those of ``_Adjugate``.
+
+    Attributes:
+        size: number of rows and of columns.
+        columns, rows: order in which columns and rows of the matrix stand in the triangle.
+        factors: reciprocal roots of ``scales``, by which the rows are multiplied, in the order of ``rows``.
+        triangle: the matrix in that order, then its upper triangle.
+        reflections: (k, v, scale): b[k:] becomes b[k:] - scale v (v . b[k:]).
+        inverse_diagonal: reciprocals of the triangle's diagonal.
+
     """
 
     def __init__(self, entries: Sequence[Entries], scales: Sequence[ca.SX], lengths: Sequence[float]) -> None:
         self.size = len(entries)
-        numbers, rows_left = range(self.size), list(range(self.size))
-        self.columns = sorted(numbers, key=lambda k: sum(not row[k].is_zero() for row in entries))
+        rows_left = list(range(self.size))
+        self.columns = sorted(range(self.size), key=lambda k: sum(not row[k].is_zero() for row in entries))
         self.rows: list[int] = []
         for k in self.columns:
-            self.rows.append(next((row for row in rows_left if not entries[row][k].is_zero()), rows_left[0]))
-            rows_left.remove(self.rows[-1])
+            row_of_entry = next((row for row in rows_left if not entries[row][k].is_zero()), rows_left[0])
+            self.rows.append(row_of_entry)
+            rows_left.remove(row_of_entry)
         self.factors = [1 / ca.sqrt(scales[row]) for row in self.rows]
         self.triangle = [
             [entries[row][k] * f for k in self.columns] for row, f in zip(self.rows, self.factors, strict=True)
@@ -229,7 +238,8 @@ class _Reflections:
     def _eliminate(self, k: int, length: float) -> ca.SX:
         """Clear column k below the diagonal by a reflection of rows k and below; return the pivot's reciprocal or NaN.
 
-        ``length`` is the squared length of a typical column.
+        The reflection 1 - 2 v v^T/(v . v) takes the column x to (pivot, 0, ...) with |pivot| = |x| and v = x - (pivot,
+        0, ...). ``length`` is the squared length of a typical column.
         """
         A = self.triangle
         column = [A[i][k] for i in range(k, self.size)]
@@ -240,7 +250,7 @@ class _Reflections:
             is_negative = column[0] < 0
             pivot = norm * (2 * is_negative - 1)  # of the other sign than the entry: no difference of near numbers
             v = [column[0] - pivot, *column[1:]]
-            scale = -1 / (pivot * v[0])  # 2 / v.v
+            scale = -1 / (pivot * v[0])  # 2 / v.v, since v.v = 2 pivot (pivot - x_0)
             self.reflections.append((k, v, scale))
             for j in range(k + 1, self.size):
                 rest = _reflected(v, scale, [A[i][j] for i in range(k, self.size)])

@@ -49,34 +49,29 @@ class Elimination:
         Two pivots are eliminated together: the reciprocal of the second one is that of the first times a minor of two
         rows, and both divisions start at once. A pivot or a minor that is infinite refuses, too.
         """
-        n, rows = matrix.shape[0], list[list[ca.SX]]()
-        lower, inverse = [list[ca.SX]() for _ in range(n)], list[ca.SX]()
-
-        def reduced(k: int) -> list[ca.SX]:
-            """Return row k less the rows eliminated so far; its entries before the diagonal are not read."""
-            return [_less(matrix[min(j, k), max(j, k)], [row[j] for row in rows], lower[k]) for j in range(n)]
-
-        def eliminate(row: list[ca.SX], reciprocal: ca.SX) -> None:
-            for j in range(len(rows) + 1, n):
-                lower[j].append(row[j] * reciprocal)
-            rows.append(row)
-            inverse.append(reciprocal)
-
+        n = matrix.shape[0]
+        factors = _FactorsUnderWay(matrix)
         is_first_positive = matrix[0, 0] > 0
-        while (k := len(rows)) < n - 1:
-            first, second = reduced(k), reduced(k + 1)
+        k = 0  # rows eliminated so far
+        while k < n - 1:
+            first, second = factors.reduced_row(k), factors.reduced_row(k + 1)
             # CasADi would make divisions of x * (1 / pivot): a mask of the first pivot is the 1 of the others.
             of_first = one_where(is_first_positive) / first[k] if k else reciprocal_where(is_first_positive, first[0])
-            eliminate(first, of_first)
-            if (n - k) % 2:  # the last pivot is always alone
-                minor = first[k] * second[k + 1] - first[k + 1] ** 2
-                eliminate([y - lower[k + 1][k] * x for x, y in zip(first, second, strict=True)], first[k] / minor)
-        last = reduced(n - 1)[-1]
+            factors.eliminate(first, of_first)
+            k += 1
+            rows_left = n - k
+            if rows_left % 2 == 0:  # the next row, too; the last one is always alone
+                pivot, beside = first[k - 1], first[k]
+                minor = pivot * second[k] - beside**2  # pivot times the next pivot
+                ratio = factors.lower[k][k - 1]
+                factors.eliminate([y - ratio * x for x, y in zip(first, second, strict=True)], pivot / minor)
+                k += 1
+        last = factors.reduced_row(n - 1)[-1]
         is_stable = ca.SX(1)
-        for reciprocal in inverse:
+        for reciprocal in factors.inverse:
             is_stable *= reciprocal > 0
-        inverse.append(reciprocal_where(is_stable * (last < 2 * last), last))  # positive, and not infinite
-        return Elimination(lower, inverse)
+        of_last = reciprocal_where(is_stable * (last < 2 * last), last)  # positive, and not infinite
+        return Elimination(factors.lower, [*factors.inverse, of_last])
 
     def refused(self, values: ca.SX) -> ca.SX:
         """Return dense values whose structural zeros refuse, too: 0, or NaN where the matrix is not positive definite.
@@ -105,12 +100,38 @@ class Elimination:
         return solution
 
 
+class _FactorsUnderWay:
+    """Factors of a symmetric matrix of which some rows are eliminated: ``rows`` are those of D L^T.
+
+    ``lower`` has the entries of L below the diagonal by row, as far as the columns are known; ``inverse`` has the
+    reciprocals of the pivots.
+    """
+
+    def __init__(self, matrix: ca.SX) -> None:
+        self.matrix = matrix
+        self.rows = list[list[ca.SX]]()
+        self.lower: _Grid = [list[ca.SX]() for _ in range(matrix.shape[0])]
+        self.inverse = list[ca.SX]()
+
+    def reduced_row(self, k: int) -> list[ca.SX]:
+        """Return row k less its parts in the eliminated rows; entries before the diagonal are not read."""
+        n = self.matrix.shape[0]
+        row = [self.matrix[min(j, k), max(j, k)] for j in range(n)]  # from the upper triangle
+        return [_less(row[j], [eliminated[j] for eliminated in self.rows], self.lower[k]) for j in range(n)]
+
+    def eliminate(self, row: list[ca.SX], reciprocal: ca.SX) -> None:
+        """Take the next row, reduced already, with the reciprocal of its pivot."""
+        for j in range(len(self.rows) + 1, self.matrix.shape[0]):
+            self.lower[j].append(row[j] * reciprocal)
+        self.rows.append(row)
+        self.inverse.append(reciprocal)
+
+
 def _less(value: ca.SX, left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
     """Return a value less a dot product; the last product, which is known last, is subtracted last."""
-    for count in (slice(-1), slice(-1, None)):
-        if left[count]:
-            value -= _dot(left[count], right[count])
-    return value
+    if len(left) > 1:
+        value = value - _dot(left[:-1], right[:-1])
+    return value - _dot(left[-1:], right[-1:]) if left else value
 
 
 def _dot(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
@@ -178,30 +199,38 @@ def tip_stiffness(chain: Chain, J: ca.SX, hessian: ca.SX) -> Expressions:
     """
     factors = Elimination.of(unpacked(hessian))
     columns = [list(column) for column in zip(*factors.forward(J.T), strict=True)]
-    size, inverse_squares, U = len(columns), list[ca.SX](), list[list[ca.SX]]()
-
-    def product(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
-        """Return left . D^-1 right."""
-        return sum((x * y * d for x, y, d in zip(left, right, factors.inverse, strict=True)), ca.SX(0))
-
-    # Gram and Schmidt: take from column a its parts along the columns before; `row` keeps the combination.
-    for a in range(size):
-        square_before = product(columns[a], columns[a])
-        row = [ca.SX(0)] * size
-        for b in range(a):
-            part = product(columns[a], columns[b]) * inverse_squares[b]
-            columns[a] = [x - part * y for x, y in zip(columns[a], columns[b], strict=True)]
-            row = [x - part * y for x, y in zip(row, U[b], strict=True)]
-        row[a] += 1
-        U.append(row)
-        square = product(columns[a], columns[a])
-        inverse_squares.append(reciprocal_or_nan(square, square, SINGULAR**2 * square_before))
+    U, inverse_squares = _orthogonalised(columns, metric=factors.inverse)
+    size = len(columns)
     result = ca.SX(size, size)  # U^T S^-1 U
     for a in range(size):
         for b in range(a, size):
             terms = [U[k][a] * U[k][b] * inverse_squares[k] for k in range(b, size)]
             result[a, b] = result[b, a] = sum(terms, ca.SX(0))
     return Expressions(ca.vec(factors.refused(result)), ())
+
+
+def _orthogonalised(columns: Sequence[Sequence[ca.SX]], metric: Sequence[ca.SX]) -> tuple[_Grid, list[ca.SX]]:
+    """Return the rows of U, such that the columns combined by them are orthogonal, and their inverse squared lengths.
+
+    ``metric`` is the diagonal of the metric. A column that lies in the span of those before has NaN.
+    """
+
+    def product(left: Sequence[ca.SX], right: Sequence[ca.SX]) -> ca.SX:
+        return sum((x * y * d for x, y, d in zip(left, right, metric, strict=True)), ca.SX(0))
+
+    orthogonal, U, inverse_squares = list[Sequence[ca.SX]](), list[list[ca.SX]](), list[ca.SX]()
+    for a, column in enumerate(columns):
+        square_before, row = product(column, column), [ca.SX(0)] * len(columns)
+        for other, row_of_other, inverse_square in zip(orthogonal, U, inverse_squares, strict=True):
+            part = product(column, other) * inverse_square
+            column = [x - part * y for x, y in zip(column, other, strict=True)]
+            row = [x - part * y for x, y in zip(row, row_of_other, strict=True)]
+        row[a] += 1
+        square = product(column, column)
+        orthogonal.append(column)
+        U.append(row)
+        inverse_squares.append(reciprocal_or_nan(square, square, SINGULAR**2 * square_before))
+    return U, inverse_squares
 
 
 def deflection(chain: Chain, J: ca.SX, hessian: ca.SX, increment: ca.SX) -> Expressions:
@@ -224,6 +253,7 @@ def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:
     beside = [_reflect(A, k) for k in range(n - 1)]  # entries beside the diagonal; A becomes tridiagonal in place
     diagonal, zero = [A[k][k] for k in range(n)], ca.SX(0)
     sizes = [ca.fabs(each) for each in beside]
+    # Gershgorin: an eigenvalue lies within the sum of the row's other entries, before and behind the diagonal.
     disc_ends = [d - a - b for d, a, b in zip(diagonal, [zero, *sizes], [*sizes, zero], strict=True)]
     minus_lower, minus_upper = -disc_ends[0], -diagonal[0]  # minima as maxima, which masks.py has
     for k in range(1, n):
@@ -236,7 +266,10 @@ def tridiagonal(chain: Chain, hessian: ca.SX) -> Expressions:
 def _reflect(A: _Grid, k: int) -> ca.SX:
     """Reflect column k below the diagonal onto its first entry, on both sides, and return that entry.
 
-    The trailing block of A becomes (1 - s v v^T) A (1 - s v v^T) = A - v w^T - w v^T in place, s = 2/|v|^2.
+    With the column x, v = x + sign(x_0) |x| e_0 and s = 2/|v|^2, the reflection 1 - s v v^T takes x to
+    -sign(x_0) |x| e_0. The trailing block of A becomes, in place,
+
+        (1 - s v v^T) A (1 - s v v^T) = A - v w^T - w v^T        w = p - (s p . v/2) v,  p = s A v
     """
     rest = range(k + 1, len(A))
     x = [A[i][k] for i in rest]
@@ -245,11 +278,11 @@ def _reflect(A: _Grid, k: int) -> ca.SX:
     norm = ca.sqrt(sum((each * each for each in x), ca.SX(0)))
     sign = 2 * (x[0] >= 0) - 1
     v = [x[0] + sign * norm, *x[1:]]
-    divisor = norm * (norm + ca.fabs(x[0]))  # |v|^2/2
-    scale = 1 / (divisor + (divisor <= 0))  # v = 0 where the column is
-    p = [scale * _dot([A[i][j] for j in rest], v) for i in rest]
-    half = scale * _dot(p, v) / 2
-    w = [a - half * b for a, b in zip(p, v, strict=True)]
+    half_square = norm * (norm + ca.fabs(x[0]))  # |v|^2/2
+    s = 1 / (half_square + (half_square <= 0))  # v = 0 where the column is
+    p = [s * _dot([A[i][j] for j in rest], v) for i in rest]
+    along_v = s * _dot(p, v) / 2
+    w = [a - along_v * b for a, b in zip(p, v, strict=True)]
     for i, row in enumerate(rest):
         for j, column in enumerate(rest):
             if j >= i:

@@ -139,25 +139,27 @@ class CompliantTip:
         kernels = (
             self._kernel(
                 Argument("loaded_hessian", (size, size), "N m/rad", "H, bitwise symmetric", symmetric=True),
-                "Stiffness of the joints under a load: Hessian of the energy of springs and load.", _HESSIAN,
-                compliance.loaded_hessian, (),
+                summary="Stiffness of the joints under a load: Hessian of the energy of springs and load.",
+                equation=_HESSIAN, expressions=compliance.loaded_hessian, more=(),
             ),
             self._kernel(
                 Argument("tip_compliance", (rows, rows), "m/N, 1/N, rad/(N m)", f"C{of}, bitwise symmetric",
                     symmetric=True, blocks=_COMPLIANCE),
-                "Compliance of the tip under a load: twist of the tip per wrench.", "C = J H^-1 J^T",
-                compliance.tip_compliance, ("J",), UNSTABLE, _congruence,
+                summary="Compliance of the tip under a load: twist of the tip per wrench.",
+                equation="C = J H^-1 J^T", expressions=compliance.tip_compliance, more=("J",), note=UNSTABLE,
+                as_step=_congruence,
             ),
             self._kernel(
                 Argument("tip_stiffness", (rows, rows), "N/m, N, N m", f"C^-1{of}, bitwise symmetric",
                     symmetric=True, blocks=_STIFFNESS),
-                "Stiffness of the tip under a load: wrench per twist of the tip.", "C^-1 = (J H^-1 J^T)^-1",
-                compliance.tip_stiffness, ("J",), f"{UNSTABLE} NaN where the Jacobian has no full row rank, too.",
+                summary="Stiffness of the tip under a load: wrench per twist of the tip.",
+                equation="C^-1 = (J H^-1 J^T)^-1", expressions=compliance.tip_stiffness, more=("J",),
+                note=f"{UNSTABLE} NaN where the Jacobian has no full row rank, too.",
             ),
             self._kernel(
                 Argument("deflection", (size,), "rad or m", "dq, displacement of the joints"),
-                "Displacement of the joints as the wrench changes.", "dq = H^-1 J^T dF",
-                compliance.deflection, ("J", self.increment), UNSTABLE,
+                summary="Displacement of the joints as the wrench changes.", equation="dq = H^-1 J^T dF",
+                expressions=compliance.deflection, more=("J", self.increment), note=UNSTABLE,
             ),
             self._stability(
                 Argument("stability", (), "N m/rad", "smallest eigenvalue of H, positive for a stable posture")
@@ -184,14 +186,15 @@ class CompliantTip:
 
         def program(chain: Chain) -> Program:
             steps, load, J = self.load(chain, reads_J=bool(more))
-            output, parts = result.array(chain), (springs.array(chain), load)
+            output, Kth = result.array(chain), springs.array(chain)
             if not more:
-                return *steps, StraightLine((output,), expressions, parts, heading=equation)
-            pack, H = packed(*parts)
+                return *steps, StraightLine((output,), expressions, (Kth, load), heading=equation)
+            pack, H = packed(Kth, load)
             values = J, H, *(each.array(chain) for each in others)
             line = as_step((output,), expressions, values, heading=equation)
-            columns = (J,) if J.name == "J" else ()  # of joints; other Jacobians have coordinates as columns
-            shared = Shared.of(f"{self.prefix}{result.name}_of", summary, (line,), values, output, *columns)
+            per_joint = (J,) if J.name == "J" else ()  # other Jacobians have a column per coordinate
+            name = f"{self.prefix}{result.name}_of"
+            shared = Shared.of(name, summary, (line,), values, output, *per_joint)
             return *steps, pack, shared
 
         return self._record(result, others, summary, equation, program, note)
@@ -210,9 +213,18 @@ class CompliantTip:
         notes = " ".join(filter(None, (note, _OF_SPATIAL if self.group == "spatial" else "", self.domain)))
         absent = [f"{name}{self.suffix}" for name in JOINT_QUANTITIES] if self.group == "spatial" else []
         return Kernel(
-            result.name, self.group, inputs, (result,), summary, equation, program, notes, batch=True,
-            on_request=REQUEST, absent=tuple((name, _ABSENT.format(name=name)) for name in absent),
-        )  # fmt: skip
+            name=result.name,
+            group=self.group,
+            arguments=inputs,
+            results=(result,),
+            summary=summary,
+            equation=equation,
+            program=program,
+            note=notes,
+            batch=True,
+            on_request=REQUEST,
+            absent=tuple((name, _ABSENT.format(name=name)) for name in absent),
+        )
 
     def _stability(self, result: Argument) -> Kernel:
         """Return the kernel of the smallest eigenvalue: tridiagonal form, then bisection by one function."""
@@ -227,18 +239,26 @@ class CompliantTip:
                 return *steps, pack, only
             # H as a tridiagonal matrix, of which the eigenvalue's interval is halved
             form = Array("diagonal", (n,), "d"), Array("squares", (n - 1,), "s")
-            ends = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
-            meaning = "Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue"
+            intervals = [Array(f"interval{k}", (2,), "x") for k in range(compliance.CALLS + 1)]
             first = StraightLine(
-                (*form, ends[0]), compliance.tridiagonal, (H,), f"{self.prefix}tridiagonal", meaning=meaning
+                outputs=(*form, intervals[0]),
+                expressions=compliance.tridiagonal,
+                arguments=(H,),
+                name=f"{self.prefix}tridiagonal",
+                meaning="Tridiagonal form of H: diagonal, squares beside it, interval of the smallest eigenvalue",
             )
-            name, meaning = f"{self.prefix}halved_interval", "Interval of the smallest eigenvalue, halved some times"
             halvings = [  # one function, called with the interval of the call before
-                StraightLine((after,), compliance.halved, (*form, before), name, meaning=meaning)
-                for before, after in itertools.pairwise(ends)
+                StraightLine(
+                    outputs=(after,),
+                    expressions=compliance.halved,
+                    arguments=(*form, before),
+                    name=f"{self.prefix}halved_interval",
+                    meaning="Interval of the smallest eigenvalue, halved some times",
+                )
+                for before, after in itertools.pairwise(intervals)
             ]
             output = result.array(chain)
-            last = StraightLine((output,), compliance.middle, (ends[-1],), heading="smallest eigenvalue of H")
+            last = StraightLine((output,), compliance.middle, (intervals[-1],), heading="smallest eigenvalue of H")
             return *steps, pack, first, *halvings, last
 
         kernel = self._record(

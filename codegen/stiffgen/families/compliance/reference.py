@@ -34,26 +34,30 @@ def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def results(H: FloatArray, J: FloatArray, increments: FloatArray) -> dict[str, Callable[[], FloatArray]]:
-    """Return functions of the results by name.
+    """Return functions of the results by name; each computes its result when it is called.
 
     ``H`` is the loaded Hessian (states, n, n), ``J`` the Jacobian (states, 6, n), and the increments of the wrench are
     (states, 6), with 6 rows for each tip. The stability is the smallest eigenvalue of H: a posture at rest is stable
     if it is positive.
     """
-    jacobian_transposed = np.swapaxes(J, 1, 2)
+    J_T = np.swapaxes(J, 1, 2)
+    states, rows, _ = J.shape
 
-    def compliance() -> FloatArray:
-        return np.asarray(J @ solved(H, jacobian_transposed))
+    def compliance() -> FloatArray:  # C = J H^-1 J^T
+        return np.asarray(J @ solved(H, J_T))
 
-    def stiffness() -> FloatArray:
-        return solved(compliance(), np.broadcast_to(np.eye(J.shape[1]), (*J.shape[:2], J.shape[1])))
+    def stiffness() -> FloatArray:  # C^-1
+        return solved(compliance(), np.broadcast_to(np.eye(rows), (states, rows, rows)))
+
+    def deflection() -> FloatArray:  # H^-1 J^T dF, with dF as a column
+        return solved(H, J_T @ increments[..., None])[..., 0]
 
     return {
         "loaded_hessian": lambda: H,
         "tip_compliance": compliance,
         "tip_stiffness": stiffness,
-        "deflection": lambda: solved(H, jacobian_transposed @ increments[..., None])[..., 0],
-        "stability": lambda: np.linalg.eigvalsh(H.astype(float))[:, 0],
+        "deflection": deflection,
+        "stability": lambda: np.linalg.eigvalsh(H.astype(float))[:, 0],  # in ascending order
     }
 
 

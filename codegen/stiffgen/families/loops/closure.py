@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import accumulate
 
 import casadi as ca
 import numpy as np
@@ -78,43 +77,51 @@ class _End:
     def of(chain: Chain, end: LoopEnd, q: ca.SX, turns: Turns) -> _End:
         """Return the end at joint positions q; ``turns`` has the sine and cosine of every hinge."""
         R = ca.SX.eye(3)
-        axes, offsets = [], []  # offsets [m]: from one joint to the next, at last to the end
+        placed: list[tuple[Joint, ca.SX, ca.SX]] = []  # joint, its axis, offset [m] from the joint before
         for joint in end.joints:
-            offsets.append(R @ constant(joint.translation))
+            offset = R @ constant(joint.translation)
             R = R @ constant(joint.rotation)
             axis = constant(joint.axis)
-            axes.append((joint, ca.densify(R @ axis)))
+            direction = ca.densify(R @ axis)
             if joint.prismatic:
-                offsets[-1] += R @ axis * joint_position(chain, joint, q)
+                offset += R @ axis * joint_position(chain, joint, q)
             else:
                 along, (sine, cosine) = axis @ axis.T, turns[_angle(joint)]
                 R = R @ (along + cosine * (ca.SX.eye(3) - along) + sine * ca.skew(axis))  # Rodrigues' formula
-        offsets.append(R @ constant(end.translation))
-        arms = list(accumulate(reversed(offsets)))[::-1]  # to the end; the first from the shared link's frame
-        zero = ca.SX.zeros(3)
-        moves = (
-            (j, zero, axis) if j.prismatic else (j, axis, cross(axis, arm))
-            for (j, axis), arm in zip(axes, arms[1:], strict=True)
-        )
-        return _End(ca.densify(R @ constant(end.rotation)), ca.densify(arms[0]), tuple(moves))
+            placed.append((joint, direction, offset))
+        moves: list[tuple[Joint, ca.SX, ca.SX]] = []  # the last joint first
+        arm = R @ constant(end.translation)  # from a joint's origin to the end
+        for joint, direction, offset in reversed(placed):
+            if joint.prismatic:
+                moves.append((joint, ca.SX.zeros(3), direction))
+            else:
+                moves.append((joint, direction, cross(direction, arm)))
+            arm = arm + offset
+        return _End(rotation=ca.densify(R @ constant(end.rotation)), point=ca.densify(arm), moves=tuple(moves[::-1]))
 
     def add_stiffness(self, wrench: ca.SX, total: ca.SX, sign: int) -> None:
         """Add ``sign`` times the symmetric part of the kinematic stiffness under a wrench to ``total`` (n x n).
 
         The formula is that of the module's head; it holds for joint i before joint j and fills both triangles.
         """
-        for j, (outer, _, velocity) in enumerate(self.moves):
+        force, moment = wrench[:3], wrench[3:]
+        for j, (outer, outer_axis, velocity) in enumerate(self.moves):
             for i, (inner, axis, _) in enumerate(self.moves[: j + 1]):
-                value = ca.dot(wrench[:3], cross(axis, velocity))
+                value = ca.dot(force, cross(axis, velocity))
                 if i < j:
-                    value += ca.dot(wrench[3:], cross(axis, self.moves[j][1])) / 2
+                    value += ca.dot(moment, cross(axis, outer_axis)) / 2
                 value *= sign * inner.multiplier * outer.multiplier
                 total[inner.coordinate, outer.coordinate] += value
                 if i < j:
                     total[outer.coordinate, inner.coordinate] += value
 
     def acceleration(self, rates: ca.SX) -> ca.SX:
-        """Return the end's acceleration (linear, angular) at constant rates of the coordinates."""
+        """Return the end's acceleration (linear, angular) at constant rates of the coordinates.
+
+        Joint j, with the axis a_j and the end's velocity v_j at its unit rate, contributes (2 w + a_j rate_j) x v_j
+        rate_j and w x a_j rate_j, with the angular velocity w of the joints before it. A joint i before j counts twice:
+        it turns v_j, and j lengthens its arm.
+        """
         angular, total = ca.SX.zeros(3), ca.SX.zeros(6)
         for joint, axis, velocity in self.moves:
             rate = joint.multiplier * rates[joint.coordinate]
@@ -152,8 +159,9 @@ class Closure:
         """Return c(q) of the independent equations [m, rad]."""
         values = []
         for first, second in self.ends:
-            pairs = zip(ca.horzsplit(second.rotation), ca.horzsplit(first.rotation), strict=True)
-            turned = sum((cross(a, b) for a, b in pairs), ca.SX.zeros(3)) / 2
+            axes = zip(ca.horzsplit(second.rotation), ca.horzsplit(first.rotation), strict=True)
+            # sum of s_k x r_k over the axes of both frames: twice the sine of the angle between them, along its axis
+            turned = sum((cross(s, r) for s, r in axes), ca.SX.zeros(3)) / 2
             values.append(ca.vertcat(first.point - second.point, turned))
         return ca.vertcat(*(values[k][row] for k, row in self.rows))
 
@@ -169,15 +177,13 @@ class Closure:
     @cached_property
     def blocks(self) -> list[Factors]:
         """Factors of the blocks of C_p: equations that share passive coordinates, directly or through others."""
-        groups: list[tuple[set[int], set[int]]] = []  # rows and passive coordinates
+        groups: list[tuple[set[int], set[int]]] = []  # rows and passive coordinates, which no two groups share
         for number in range(len(self.rows)):
             rows, columns = {number}, {k for k in self.passive if not self.jacobian[number, k].is_zero()}
-            apart = []
-            for other_rows, other_columns in groups:
-                if other_columns & columns:
-                    rows, columns = rows | other_rows, columns | other_columns
-                else:
-                    apart.append((other_rows, other_columns))
+            joined = [group for group in groups if group[1] & columns]
+            apart = [group for group in groups if not group[1] & columns]
+            for other_rows, other_columns in joined:
+                rows, columns = rows | other_rows, columns | other_columns
             groups = [*apart, (rows, columns)]
         return [
             Factors(self.jacobian, self._by_loop(sorted(rows)), sorted(columns), self._units(sorted(rows)))
@@ -191,17 +197,24 @@ class Closure:
 
     def _units(self, rows: Sequence[int]) -> Units:
         """Return the unit of length of the block with these rows."""
-        types = enumerate(self.chain.coordinates, start=self.chain.base_joints)
-        slides = {k for k, coordinate in types if coordinate.type == "prismatic"}
+        coordinates = enumerate(self.chain.coordinates, start=self.chain.base_joints)
+        slides = {k for k, coordinate in coordinates if coordinate.type == "prismatic"}
         angular = {row for row in rows if self.rows[row][1] >= 3}
-        points = [row for row in rows if row not in angular]
-        at_start, here = _jacobian_at_start(self.chain)[points, :], self.jacobian[points, :]
-        levers = [k for k in range(self.n) if k not in slides and here[:, k].nnz()]
+        of_points = [row for row in rows if row not in angular]
+        here = self.jacobian[of_points, :]  # its columns are levers of hinges [m per rad], and directions of slides
+        hinges_with_levers = [k for k in range(self.n) if k not in slides and here[:, k].nnz()]
         typical, squared = 1.0, ca.SX(1)
-        if levers:
-            typical = float((at_start[:, levers] ** 2).sum() / len(levers))
-            squared = ca.sumsqr(here[:, levers]) / len(levers)
-        return Units(squared, float(f"{typical:.3g}"), frozenset(slides), frozenset(angular), bool(points))
+        if hinges_with_levers:
+            at_start = _jacobian_at_start(self.chain)[of_points, :][:, hinges_with_levers]
+            typical = float((at_start**2).sum() / len(hinges_with_levers))
+            squared = ca.sumsqr(here[:, hinges_with_levers]) / len(hinges_with_levers)
+        return Units(
+            squared=squared,
+            typical=float(f"{typical:.3g}"),
+            slides=frozenset(slides),
+            angular=frozenset(angular),
+            has_points=bool(of_points),
+        )
 
     def motion(self) -> ca.SX:
         """Return G = dq/da; entries that are zero by structure are not stored."""

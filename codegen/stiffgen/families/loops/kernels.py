@@ -85,57 +85,86 @@ def motor_kernel(
 ) -> Kernel:
     """Return a kernel of the group ``motors``, with the note that q must close the loops."""
     note = " ".join(filter(None, (note, CLOSED)))
-    return Kernel(name, GROUP, inputs, results, summary, equation, program, note, batch=True)
+    return Kernel(
+        name=name,
+        group=GROUP,
+        arguments=inputs,
+        results=results,
+        summary=summary,
+        equation=equation,
+        program=program,
+        note=note,
+        batch=True,
+    )
 
 
 def _of_loops() -> tuple[Kernel, ...]:
     """Return the kernels that follow from the loops alone. a: coordinates of the motors; p: of the passive joints."""
-    closed = Argument("closed", ("q",), "rad or m", "joint positions that close the loops; NaN if they do not")
     residual = Argument("residual", ("equations",), "m, rad", "c(q) of the independent equations, 0 if closed")
     jacobian = Argument("jacobian", ("n", "a"), "rad or m per rad or m", "G = dq/da, rows of the motors are those of 1")
     condition = Argument("condition", (), "1", "largest condition number of the passive joints' equations, 1 at best")
 
     def closure_kernel(result: Argument, summary: str, equation: str, value: Callable[[Closure], ca.SX]) -> Kernel:
         program = partial(motor_programs.of_closure, result=result, value=value, heading=equation)
-        return motor_kernel(result.name, (arguments.Q,), (result,), summary, equation, program)
+        return motor_kernel(
+            result.name, inputs=(arguments.Q,), results=(result,), summary=summary, equation=equation, program=program
+        )
 
-    close = Kernel(
-        "close", None, (ACTUATED, START), (closed,), "Joint positions of closed loops from those of the motors.",
-        f"Newton's method for the passive joints, {motor_programs.STEPS} steps of at most "
-        f"{motor_programs.LARGEST_STEP} (rad, m)",
-        partial(motor_programs.close, actuated=ACTUATED, start=START, result=closed),
-        f"NaN unless the last step is at most {motor_programs.LAST_STEP:g} (rad, m). A linkage has several branches: "
-        "the start decides. Take the last configuration in a control loop.",
-        batch=True,
-    )  # fmt: skip
     return (
-        close,
+        _close(),
         replace(  # its note stands alone: the residual is right where loops are open, too
             closure_kernel(residual, "Equations of the closed loops.", "c(q)", Closure.residual),
             note="One per independent equation: distances of the two ends, rotations between them for welds.",
         ),
         closure_kernel(
-            jacobian, "Rates of all joints at unit rates of the motors.", "G = [1; -C_p^-1 C_a], C = dc/dq",
+            jacobian,
+            "Rates of all joints at unit rates of the motors.",
+            "G = [1; -C_p^-1 C_a], C = dc/dq",
             Closure.motion,
         ),
         closure_kernel(
-            condition, "Condition number of the closed loops: how near the motors are to a singularity.",
-            "|C| |C_p^-1| - (size - 1), norms of Frobenius, lengths in units of the hinges' levers", Closure.condition,
+            condition,
+            "Condition number of the closed loops: how near the motors are to a singularity.",
+            "|C| |C_p^-1| - (size - 1), norms of Frobenius, lengths in units of the hinges' levers",
+            Closure.condition,
         ),
         motor_kernel(
-            "multipliers", (arguments.Q, GRADIENT), (_MULTIPLIERS,),
-            "Forces that hold the closed loops together under a load of the joints.", "lambda = C_p^-T dU/dp",
-            partial(motor_programs.multipliers, result=_MULTIPLIERS, gradient=GRADIENT),
+            "multipliers",
+            inputs=(arguments.Q, GRADIENT),
+            results=(_MULTIPLIERS,),
+            summary="Forces that hold the closed loops together under a load of the joints.",
+            equation="lambda = C_p^-T dU/dp",
+            program=partial(motor_programs.multipliers, result=_MULTIPLIERS, gradient=GRADIENT),
         ),
         motor_kernel(
-            "from_joints", (arguments.Q, GRADIENT, HESSIAN), (MOTOR_GRADIENT, MOTOR_STIFFNESS),
-            "Gradient and stiffness of the motors from those of any energy of the joints.",
-            f"dU/da = G^T dU/dq; {FORMULA}",
-            lambda chain: motor_programs.reduction(
+            "from_joints",
+            inputs=(arguments.Q, GRADIENT, HESSIAN),
+            results=(MOTOR_GRADIENT, MOTOR_STIFFNESS),
+            summary="Gradient and stiffness of the motors from those of any energy of the joints.",
+            equation=f"dU/da = G^T dU/dq; {FORMULA}",
+            program=lambda chain: motor_programs.reduction(
                 chain, (), GRADIENT.array(chain), HESSIAN.array(chain), (MOTOR_GRADIENT, MOTOR_STIFFNESS), "GK"
             ),
         ),
-    )  # fmt: skip
+    )
+
+
+def _close() -> Kernel:
+    """Return the kernel that closes the loops."""
+    closed = Argument("closed", ("q",), "rad or m", "joint positions that close the loops; NaN if they do not")
+    return Kernel(
+        name="close",
+        group=None,
+        arguments=(ACTUATED, START),
+        results=(closed,),
+        summary="Joint positions of closed loops from those of the motors.",
+        equation=f"Newton's method for the passive joints, {motor_programs.STEPS} steps of at most "
+        f"{motor_programs.LARGEST_STEP} (rad, m)",
+        program=partial(motor_programs.close, actuated=ACTUATED, start=START, result=closed),
+        note=f"NaN unless the last step is at most {motor_programs.LAST_STEP:g} (rad, m). A linkage has several "
+        "branches: the start decides. Take the last configuration in a control loop.",
+        batch=True,
+    )
 
 
 def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
@@ -160,15 +189,22 @@ def _of_wrench(chain: Chain) -> tuple[Kernel, ...]:
 
     return (
         motor_kernel(
-            "torque", (*configuration, wrench), (MOTOR_TORQUE,),
-            "Torque that a spring with this wrench exerts on the motors.", "-dU/da = -G^T J^T F", torque_program,
+            "torque",
+            inputs=(*configuration, wrench),
+            results=(MOTOR_TORQUE,),
+            summary="Torque that a spring with this wrench exerts on the motors.",
+            equation="-dU/da = -G^T J^T F",
+            program=torque_program,
         ),
         motor_kernel(
-            "joint_stiffness", (*configuration, wrench, task), (MOTOR_STIFFNESS,),
-            "Joint stiffness of the motors under a wrench and a task stiffness.",
-            f"{FORMULA}, d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J", stiffness_program,
+            "joint_stiffness",
+            inputs=(*configuration, wrench, task),
+            results=(MOTOR_STIFFNESS,),
+            summary="Joint stiffness of the motors under a wrench and a task stiffness.",
+            equation=f"{FORMULA}, d2U/dq2 = dJ^T/dq . F + J^T (K + Gamma F) J",
+            program=stiffness_program,
         ),
-    )  # fmt: skip
+    )
 
 
 def from_torque(

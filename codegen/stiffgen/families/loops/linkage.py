@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,29 @@ _CLOSED = 1e-5
 """Largest gap of a closed loop [m, rad]: files round points and axes to some digits."""
 _INDEPENDENT = 1e-5
 """Smallest part of an equation that others do not explain, relative to the largest equation."""
-_STATES, _TRIES, _STEPS = 12, 60, 60
+_STATES = 12
+"""Closed configurations in which the loops are studied, beside the start."""
+_TRIES = 60
+"""Configurations from which a closed one is sought, the file's and random ones."""
+_STEPS = 60
+"""Largest number of steps of a search: damped steps converge linearly at first, then square the error."""
+_LARGEST_STEP = 0.5
+"""Largest change of a coordinate in one step of a search [rad, m]."""
+
+
+class _EndAt(NamedTuple):
+    """End of a loop at some joint positions, in the link that both ends share.
+
+    Attributes:
+        rotation: axes of the end's frame (3x3).
+        point: its origin [m].
+        twists: twists (linear, angular) of the end at unit rates of the coordinates (6, n).
+
+    """
+
+    rotation: FloatArray
+    point: FloatArray
+    twists: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,19 +79,22 @@ class Linkage:
         """Return the residuals of all rows of the loops [m, rad], and their derivatives with respect to q."""
         values, derivatives = [], []
         for loop in self.loops:
-            (R, p, J), (S, s, L) = (self._end(end, q) for end in (loop.first, loop.second))
-            turned = np.cross(S.T, R.T).sum(axis=0) / 2  # sine of the angle between the frames, along its axis
+            first, second = (self._end(end, q) for end in (loop.first, loop.second))
+            # sum of s_k x r_k over the axes of both frames: twice the sine of the angle between them, along its axis
+            turned = np.cross(second.rotation.T, first.rotation.T).sum(axis=0) / 2
             rows = list(loop.rows)
-            values.append(np.concatenate([p - s, turned])[rows])
-            derivatives.append((J - L)[rows])
+            values.append(np.concatenate([first.point - second.point, turned])[rows])
+            derivatives.append((first.twists - second.twists)[rows])
         return np.concatenate(values), np.concatenate(derivatives)
 
     def gap(self, q: FloatArray) -> float:
         """Return the largest distance [m] or angle [rad] between the ends of a loop, all equations included."""
         gaps = [0.0]
         for loop in self.loops:
-            (R, p, _), (S, s, _) = (self._end(end, q) for end in (loop.first, loop.second))
-            gaps += [float(np.linalg.norm(p - s)), float(np.linalg.norm(R - S)) / np.sqrt(2) if loop.is_weld else 0.0]
+            first, second = (self._end(end, q) for end in (loop.first, loop.second))
+            gaps.append(float(np.linalg.norm(first.point - second.point)))
+            if loop.is_weld:  # the norm of R - S is sqrt(2) times the angle, to first order
+                gaps.append(float(np.linalg.norm(first.rotation - second.rotation)) / np.sqrt(2))
         return max(gaps)
 
     def close(self, q: FloatArray) -> FloatArray:
@@ -80,11 +105,11 @@ class Linkage:
             size = float(np.abs(step).max(initial=0.0))
             if size < 1e-14:
                 break
-            q = q - step * min(1.0, 0.5 / size)
+            q = q - step * min(1.0, _LARGEST_STEP / size)
         return q
 
-    def _end(self, end: LoopEnd, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return rotation and position of an end, and its twists (linear, angular) at unit rates of the coordinates."""
+    def _end(self, end: LoopEnd, q: FloatArray) -> _EndAt:
+        """Return an end at joint positions q."""
         R, p = np.eye(3), np.zeros(3)
         axes: list[tuple[Joint, FloatArray, FloatArray]] = []
         for joint in end.joints:
@@ -102,7 +127,7 @@ class Linkage:
         for joint, axis, origin in axes:
             column = [*axis, 0, 0, 0] if joint.prismatic else [*np.cross(axis, p - origin), *axis]
             J[:, joint.coordinate - self.base_joints] += joint.multiplier * np.array(column)
-        return R, p, J
+        return _EndAt(rotation=R, point=p, twists=J)
 
     def _closed_start(self, reference: FloatArray, random: np.random.Generator) -> FloatArray:
         """Return a configuration that closes all loops, from the file's reference or from random ones.
@@ -180,20 +205,23 @@ class Linkage:
 
 
 def _independent(jacobians: list[FloatArray]) -> list[int]:
-    """Return rows that are independent in every state: each time the row with the largest median remainder."""
-    rest = [np.array(C) for C in jacobians[1:] or jacobians]  # the start may be singular
-    largest = max(float(np.linalg.norm(C, axis=1).max(initial=0.0)) for C in rest)
+    """Return rows that are independent in every state: each time the row with the largest median remainder.
+
+    A remainder is the part of a row that the rows chosen before do not explain (Gram and Schmidt).
+    """
+    remainders = [np.array(C) for C in jacobians[1:] or jacobians]  # per state; the start may be singular
+    largest = max(float(np.linalg.norm(C, axis=1).max(initial=0.0)) for C in remainders)
     chosen: list[int] = []
-    while len(chosen) < len(rest[0]):
-        remainders: Any = np.median([np.linalg.norm(C, axis=1) for C in rest], axis=0)
-        row = int(remainders.argmax())
-        if remainders[row] <= _INDEPENDENT * largest:
+    while len(chosen) < len(remainders[0]):
+        lengths: Any = np.median([np.linalg.norm(C, axis=1) for C in remainders], axis=0)
+        row = int(lengths.argmax())
+        if lengths[row] <= _INDEPENDENT * largest:
             break
         chosen.append(row)
-        for C in rest:
+        for C in remainders:
             norm = np.linalg.norm(C[row])
             if norm > 0:
                 direction = C[row] / norm
-                C -= np.outer(C @ direction, direction)
+                C -= np.outer(C @ direction, direction)  # takes each row's part along the chosen one, in place
             C[chosen] = 0.0
     return sorted(chosen)

@@ -28,12 +28,8 @@ from stiffgen.families.loops.kernels import (
 def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
     """Return mass matrix, bias forces and gravity of the motors."""
     configuration = configuration_arguments(runtime_tool=False, floating=chain.floating)
-    falling = (*configuration, arguments.GRAVITY)
     mass = Argument("mass_matrix", ("a", "a"), "kg m^2", "of the motors, bitwise symmetric", symmetric=True)
     bias = Argument("bias_forces", ("a",), "N m or N", "the sum with M dda is the motors' torque of the motion")
-    gradient = replace(
-        MOTOR_GRADIENT, name="gradient", meaning=f"dU/da: torque of the motors that balances gravity, {ORDER}"
-    )
     tree_mass = Argument("mass_matrix_of_tree", ("n", "n"), "", "", symmetric=True)
 
     def mass_program(chain: Chain) -> Program:
@@ -44,6 +40,35 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
         forces = Argument("forces", ("n",), "", "")
         tree = partial(dynamics.bias_forces, chain, forces)
         return motor_programs.bias_forces(chain, tree, forces.array(chain), MOTOR_VELOCITY, bias)
+
+    kernels = (
+        motor_kernel(
+            "mass_matrix",
+            inputs=(arguments.Q,),
+            results=(mass,),
+            summary="Mass matrix in motor coordinates.",
+            equation="G^T M G",
+            program=mass_program,
+            note="Rotor inertias are not included.",
+        ),
+        motor_kernel(
+            "bias_forces",
+            inputs=(*configuration, MOTOR_VELOCITY, arguments.GRAVITY),
+            results=(bias,),
+            summary="Bias forces of the motors: Coriolis, centrifugal and gravity forces.",
+            equation="G^T (M dG/dt da + h(q, G da))",
+            program=bias_program,
+        ),
+        *_of_gravity((*configuration, arguments.GRAVITY)),
+    )
+    return tuple(replace(kernel, of_masses=True) for kernel in kernels)
+
+
+def _of_gravity(inputs: tuple[Argument, ...]) -> tuple[Kernel, ...]:
+    """Return gravity's torque and stiffness of the motors."""
+    gradient = replace(
+        MOTOR_GRADIENT, name="gradient", meaning=f"dU/da: torque of the motors that balances gravity, {ORDER}"
+    )
 
     def gravity(chain: Chain) -> Program:
         tree = dynamics.gravity_gradient(chain, OF_TREE["gradient"])
@@ -60,25 +85,24 @@ def _of_masses(chain: Chain) -> tuple[Kernel, ...]:
             chain, tree, OF_TREE["gradient"].array(chain), hessian.array(chain), (MOTOR_STIFFNESS,), "K"
         )
 
-    kernels = (
+    return (
         motor_kernel(
-            "mass_matrix", (arguments.Q,), (mass,), "Mass matrix in motor coordinates.", "G^T M G", mass_program,
-            "Rotor inertias are not included.",
+            "gravity_gradient",
+            inputs=inputs,
+            results=(gradient,),
+            summary="Gravity torque of the motors.",
+            equation="dU/da = G^T dU/dq",
+            program=gravity,
         ),
         motor_kernel(
-            "bias_forces", (*configuration, MOTOR_VELOCITY, arguments.GRAVITY), (bias,),
-            "Bias forces of the motors: Coriolis, centrifugal and gravity forces.",
-            "G^T (M dG/dt da + h(q, G da))", bias_program,
+            "gravity_joint_stiffness",
+            inputs=inputs,
+            results=(MOTOR_STIFFNESS,),
+            summary="Joint stiffness of gravity for the motors.",
+            equation=FORMULA,
+            program=gravity_stiffness,
         ),
-        motor_kernel(
-            "gravity_gradient", falling, (gradient,), "Gravity torque of the motors.", "dU/da = G^T dU/dq", gravity,
-        ),
-        motor_kernel(
-            "gravity_joint_stiffness", falling, (MOTOR_STIFFNESS,),
-            "Joint stiffness of gravity for the motors.", FORMULA, gravity_stiffness,
-        ),
-    )  # fmt: skip
-    return tuple(replace(kernel, of_masses=True) for kernel in kernels)
+    )
 
 
 FAMILY = Family(kernels={"motors, masses": lambda of: _of_masses(of.chain)}, oracles="loops.oracles_of_dynamics")

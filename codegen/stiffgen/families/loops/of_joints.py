@@ -31,15 +31,24 @@ def _joint_potential(potential: JointPotential) -> tuple[Kernel, ...]:
 
     return (
         motor_kernel(
-            f"{potential.name}_torque", inputs, (MOTOR_TORQUE,), f"Torque on the motors of {potential.title}.",
-            f"-dU/da, {potential.equation}", torque, potential.domain,
+            f"{potential.name}_torque",
+            inputs=inputs,
+            results=(MOTOR_TORQUE,),
+            summary=f"Torque on the motors of {potential.title}.",
+            equation=f"-dU/da, {potential.equation}",
+            program=torque,
+            note=potential.domain,
         ),
         motor_kernel(
-            f"{potential.name}_joint_stiffness", inputs, (MOTOR_STIFFNESS,),
-            f"Stiffness for the motors of {potential.title}.", f"d2U/da2, {potential.equation}", stiffness,
-            potential.domain,
+            f"{potential.name}_joint_stiffness",
+            inputs=inputs,
+            results=(MOTOR_STIFFNESS,),
+            summary=f"Stiffness for the motors of {potential.title}.",
+            equation=f"d2U/da2, {potential.equation}",
+            program=stiffness,
+            note=potential.domain,
         ),
-    )  # fmt: skip
+    )
 
 
 FAMILY = Family(

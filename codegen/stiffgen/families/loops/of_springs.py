@@ -29,15 +29,24 @@ def _of_spring(chain: Chain, spring: Spring) -> tuple[Kernel, ...]:
 
     return (
         motor_kernel(
-            f"{spring.name}_torque", inputs, (MOTOR_TORQUE,), "Torque of the spring on the motors.",
-            f"-dU/da = -G^T J^T F with F = dU; {spring.equation}", torque, spring.domain,
+            f"{spring.name}_torque",
+            inputs=inputs,
+            results=(MOTOR_TORQUE,),
+            summary="Torque of the spring on the motors.",
+            equation=f"-dU/da = -G^T J^T F with F = dU; {spring.equation}",
+            program=torque,
+            note=spring.domain,
         ),
         motor_kernel(
-            f"{spring.name}_joint_stiffness", inputs, (MOTOR_STIFFNESS,),
-            "Stiffness of the spring for the motors: the exact tangent of their torque.",
-            f"{FORMULA}; {spring.equation}", stiffness, spring.domain,
+            f"{spring.name}_joint_stiffness",
+            inputs=inputs,
+            results=(MOTOR_STIFFNESS,),
+            summary="Stiffness of the spring for the motors: the exact tangent of their torque.",
+            equation=f"{FORMULA}; {spring.equation}",
+            program=stiffness,
+            note=spring.domain,
         ),
-    )  # fmt: skip
+    )
 
 
 FAMILY = Family(

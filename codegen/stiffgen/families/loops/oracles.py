@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -42,13 +42,31 @@ def _end_pose(chain: Chain, end: LoopEnd, q: ca.SX) -> ca.SX:
     return pose @ homogeneous(end.rotation, end.translation)
 
 
+class _EquationsAt(NamedTuple):
+    """Equations of the loops at one configuration.
+
+    Attributes:
+        c: gaps, 0 where the loops are closed [m, rad].
+        jacobian: C = dc/dq.
+        curvature: weighted sum of d2c_k/dq2.
+        moving: dC/dt dq/dt at constant rates.
+
+    """
+
+    c: FloatArray
+    jacobian: FloatArray
+    curvature: FloatArray
+    moving: FloatArray
+
+
 class _Equations:
     """Equations c(q) of a chain's loops and their derivatives; ``rows`` has loop and row (of 6) of each equation."""
 
     def __init__(self, chain: Chain) -> None:
         """Derive gaps, Jacobian, weighted Hessian and velocity products by CasADi's own derivatives."""
-        self.sizes = [sum(len(loop.rows) for loop in chain.loops), len(chain.coordinates)]
-        q, weights, rates = (ca.SX.sym(name, self.sizes[k]) for name, k in (("q", 1), ("w", 0), ("dq", 1)))
+        self.count, self.coordinates = sum(len(loop.rows) for loop in chain.loops), len(chain.coordinates)
+        q, rates = ca.SX.sym("q", self.coordinates), ca.SX.sym("dq", self.coordinates)
+        weights = ca.SX.sym("w", self.count)
         self.rows: list[tuple[int, int]] = []
         equations = []
         for number, loop in enumerate(chain.loops):
@@ -64,14 +82,12 @@ class _Equations:
         moving = ca.jacobian(C @ rates, q) @ rates
         self._function = ca.Function("c", [q, weights, rates], [c, C, hessian, moving])
 
-    def __call__(
-        self, q: FloatArray, weights: FloatArray | None = None, rates: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return c, C = dc/dq, the weighted sum of Hessians, and dC/dt dq/dt."""
-        others = zip((weights, rates), self.sizes, strict=True)
-        values = (np.zeros(size) if each is None else each for each, size in others)
-        c, C, hessian, moving = (np.asarray(each) for each in self._function(q, *values))
-        return c[:, 0], C, hessian, moving[:, 0]
+    def at(self, q: FloatArray, *, weights: FloatArray | None = None, rates: FloatArray | None = None) -> _EquationsAt:
+        """Return the equations at a configuration; weights and rates are zero by default."""
+        weights = np.zeros(self.count) if weights is None else weights
+        rates = np.zeros(self.coordinates) if rates is None else rates
+        c, C, curvature, moving = (np.asarray(each) for each in self._function(q, weights, rates))
+        return _EquationsAt(c[:, 0], C, curvature, moving[:, 0])
 
 
 class Projection:
@@ -90,56 +106,64 @@ class Projection:
     @property
     def motion(self) -> FloatArray:
         """G in every state."""
-        return np.array([self.solved(k)[1] for k in range(len(self.q))])
+        return np.array([self._motion(k) for k in range(len(self.q))])
 
-    def solved(self, k: int) -> tuple[FloatArray, FloatArray, list[int]]:
-        """Return C_p, G over the velocity coordinates, and the passive entries of q."""
-        chain, base = self.chain, self.chain.base_joints
-        _, C, _, _ = self.equations(self.q[k])
-        passive = [i for i in range(len(chain.coordinates)) if i not in chain.actuated]
-        G = np.zeros((chain.dof, len(chain.motors)))
-        G[list(chain.motors), range(len(chain.motors))] = 1
-        right = C[:, list(chain.actuated)]
-        G[np.ix_([base + i for i in passive], range(base, len(chain.motors)))] = -np.linalg.solve(C[:, passive], right)
-        return C[:, passive], G, passive
+    @cached_property
+    def _passive(self) -> list[int]:
+        """Entries of q that are no motors."""
+        return [i for i in range(len(self.chain.coordinates)) if i not in self.chain.actuated]
+
+    @property
+    def _passive_rates(self) -> list[int]:
+        """Velocity coordinates that are no motors."""
+        return [self.chain.base_joints + i for i in self._passive]
+
+    def _passive_jacobian(self, k: int) -> FloatArray:
+        """Return C_p in state k."""
+        return self.equations.at(self.q[k]).jacobian[:, self._passive]
+
+    def _motion(self, k: int) -> FloatArray:
+        """Return G = dq/da in state k over the velocity coordinates: 1 for a motor, -C_p^-1 C_a for passive joints."""
+        motors, of_base = list(self.chain.motors), self.chain.base_joints  # a floating base's coordinates come first
+        C_a = self.equations.at(self.q[k]).jacobian[:, list(self.chain.actuated)]
+        G = np.zeros((self.chain.dof, len(motors)))
+        G[motors, range(len(motors))] = 1
+        G[self._passive_rates, of_base:] = -np.linalg.solve(self._passive_jacobian(k), C_a)
+        return G
 
     def multipliers(self, gradient: FloatArray) -> FloatArray:
-        """Return the forces that hold the loops closed under a gradient of the tree."""
-        base, forces = self.chain.base_joints, []
-        for k, g in enumerate(gradient):
-            C_p, _, passive = self.solved(k)
-            forces.append(np.linalg.solve(C_p.T, g[base:][passive]))
+        """Return the forces lambda = C_p^-T dU/dp that hold the loops closed under gradients of the tree."""
+        of_passive = gradient[:, self._passive_rates]
+        forces = [np.linalg.solve(self._passive_jacobian(k).T, each) for k, each in enumerate(of_passive)]
         return np.array(forces)
 
     def reduced(self, gradient: FloatArray, hessian: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return dU/da and d2U/da2 (without a Hessian: of zeros) from gradients and Hessians of the tree."""
         gradient = np.asarray(gradient, dtype=float).reshape(len(self.q), -1)
         base, firsts, seconds = self.chain.base_joints, [], []
-        for k, (g, multipliers) in enumerate(zip(gradient, self.multipliers(gradient), strict=True)):
-            _, G, _ = self.solved(k)
-            _, _, curvature, _ = self.equations(self.q[k], multipliers)
-            firsts.append(G.T @ g)
-            H = np.zeros((len(g), len(g))) if hessian is None else np.array(hessian[k], dtype=float)
-            H[base:, base:] -= curvature
+        for k, (dU_dq, multipliers) in enumerate(zip(gradient, self.multipliers(gradient), strict=True)):
+            G = self._motion(k)
+            firsts.append(G.T @ dU_dq)
+            H = np.zeros((len(dU_dq), len(dU_dq))) if hessian is None else np.array(hessian[k], dtype=float)
+            H[base:, base:] -= self.equations.at(self.q[k], weights=multipliers).curvature
             seconds.append(G.T @ H @ G)
         return np.array(firsts), np.array(seconds)
 
     def rates(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return rates and accelerations of the tree at constant rates of the motors."""
         base, rates, accelerations = self.chain.base_joints, [], []
-        for k, each in enumerate(velocity):
-            C_p, G, passive = self.solved(k)
-            rate = G @ each
-            _, _, _, moving = self.equations(self.q[k], rates=rate[base:])
+        for k, of_motors in enumerate(velocity):
+            rate = self._motion(k) @ of_motors
             acceleration = np.zeros(len(rate))
-            acceleration[[base + i for i in passive]] = -np.linalg.solve(C_p, moving)
+            moving = self.equations.at(self.q[k], rates=rate[base:]).moving
+            acceleration[self._passive_rates] = -np.linalg.solve(self._passive_jacobian(k), moving)
             rates.append(rate)
             accelerations.append(acceleration)
         return np.array(rates), np.array(accelerations)
 
     def condition(self) -> FloatArray:
         """Return the largest |C| |C_p^-1| - size + 1 of a block of C_p, lengths in units of its hinges' levers."""
-        return np.array([self._condition(self.equations(q)[1]) for q in self.q])
+        return np.array([self._condition(self.equations.at(q).jacobian) for q in self.q])
 
     def _condition(self, C: FloatArray) -> float:
         """Return the condition in one state from C = dc/dq there."""
@@ -148,28 +172,31 @@ class Projection:
         is_angular = np.array([row >= 3 for _, row in self.equations.rows])
         for rows, columns in self._blocks:
             of_points = [row for row in rows if not is_angular[row]]
-            levers = C[of_points][:, self._pattern[of_points].any(axis=0) & ~slides]
+            hinges = self._pattern[of_points].any(axis=0) & ~slides  # that move a point of the block
+            levers = C[of_points][:, hinges]
             unit = np.sqrt((levers**2).sum() / levers.shape[1]) if levers.size else 1.0  # [m]
-            free = C[rows] * np.where(is_angular[rows], 1.0, 1.0 / unit)[:, None] * np.where(slides, unit, 1.0)
-            product = np.linalg.norm(free) * np.linalg.norm(np.linalg.inv(free[:, columns]))
-            largest = max(largest, float(product) - len(rows) + 1)
+            of_rows, of_columns = np.where(is_angular[rows], 1.0, 1.0 / unit), np.where(slides, unit, 1.0)
+            without_units = C[rows] * of_rows[:, None] * of_columns
+            inverse = np.linalg.inv(without_units[:, columns])
+            condition = np.linalg.norm(without_units) * np.linalg.norm(inverse) - len(rows) + 1
+            largest = max(largest, float(condition))
         return largest
 
     @cached_property
     def _pattern(self) -> Any:
         """Entries of C that are not zero in every state."""
-        return np.array([np.abs(self.equations(q)[1]) > 1e-12 for q in self.q]).any(axis=0)
+        return np.array([np.abs(self.equations.at(q).jacobian) > 1e-12 for q in self.q]).any(axis=0)
 
     @cached_property
     def _blocks(self) -> list[tuple[list[int], list[int]]]:
-        """Rows and passive columns of the blocks: equations that share passive joints."""
-        passive = [i for i in range(len(self.chain.coordinates)) if i not in self.chain.actuated]
+        """Rows and passive columns of the blocks: equations that share passive joints, directly or through others."""
         blocks: list[tuple[set[int], set[int]]] = []
         for row, pattern in enumerate(self._pattern):
-            rows, columns = {row}, {k for k in passive if pattern[k]}
-            for block in [each for each in blocks if each[1] & columns]:
-                blocks.remove(block)
-                rows, columns = rows | block[0], columns | block[1]
+            rows, columns = {row}, {k for k in self._passive if pattern[k]}
+            joined = [block for block in blocks if block[1] & columns]
+            blocks = [block for block in blocks if block not in joined]
+            for other_rows, other_columns in joined:
+                rows, columns = rows | other_rows, columns | other_columns
             blocks.append((rows, columns))
         return [(sorted(rows), sorted(columns)) for rows, columns in blocks]
 
@@ -182,7 +209,7 @@ def projected(values: Callable[[Projection], Any]) -> tuple[Oracle, ...]:
 def _residual(r: References) -> FloatArray:
     """Return c(q) at random configurations, where loops are open."""
     equations = _Equations(r.chain)
-    return np.array([equations(q)[0] for q in r.samples[Q]])
+    return np.array([equations.at(q).c for q in r.samples[Q]])
 
 
 def of_wrench(p: Projection) -> FloatArray:
@@ -215,7 +242,7 @@ def check_loops(
     q = closed_or_nan[closes]
     equations = _Equations(chain)
     # gap of the loops [m], [rad] in all configurations that are closed
-    residual = max((float(np.abs(equations(each)[0]).max(initial=0.0)) for each in q), default=0.0)
+    residual = max((float(np.abs(equations.at(each).c).max(initial=0.0)) for each in q), default=0.0)
     moved = np.abs(q[:, chain.actuated] - actuated[closes]).max(initial=0.0)
     checks = [
         Check(CLOSE, "share of starts that do not close", 1 - float(closes.mean()), 0.5),

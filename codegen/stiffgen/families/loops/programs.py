@@ -81,31 +81,43 @@ def reduction(
     the step reads the array of joints and sums it itself (:func:`_of_joints`).
     """
     tree, gradient_read = _of_joints(tree, gradient)
-    hessian_read = hessian
+    read = {"gradient": gradient_read}  # arrays of the tree that the step reads
     if hessian:
-        tree, hessian_read = _of_joints(tree, hessian)
+        tree, read["hessian"] = _of_joints(tree, hessian)
+    if columns:
+        read["columns"] = columns
     tree, turns = _with_turns(chain, tree)
-    arrays = gradient_read, *((hessian_read,) if hessian_read else ()), *((columns,) if columns else ())
 
     def expressions(chain: Chain, q: ca.SX, *inputs: ca.SX) -> Expressions:
-        """Return the expressions of the motors' results from those of the open tree."""
-        values = inputs[: len(arrays)]
-        closure = Closure(chain, q, *inputs[len(arrays) :])
-        of_tree = sign * _summed_vector(chain, values[0], of_joints=gradient_read != gradient)
-        forces = closure.multipliers(of_tree)
-        # Functions, since each builds what only its part needs; values has a Hessian for K and the columns for J.
-        of_motors = {"G": lambda: closure.gradient(of_tree, forces), "T": lambda: -closure.gradient(of_tree, forces)}
-        of_motors["K"] = lambda: _congruence(
-            closure, _summed_matrix(chain, values[1], of_joints=hessian_read != hessian) - closure.stiffness(forces)
-        )
-        of_motors["J"] = lambda: _summed_columns(chain, values[-1]) @ closure.motion()
-        return _expressions(closure, ca.vertcat(*(ca.vec(ca.densify(of_motors[part]()).T) for part in parts)))
+        """Return the results of the motors, stacked; ``inputs`` are the arrays read, then sines and cosines."""
+        of_tree = dict(zip(read, inputs, strict=False))
+        closure = Closure(chain, q, *inputs[len(read) :])
+        dU_dq = sign * _summed_vector(chain, of_tree["gradient"], of_joints=gradient_read != gradient)
+        multipliers = closure.multipliers(dU_dq)
 
-    names = {"G": "dU/da = dU/dq_a - C_a^T lambda", "T": "-dU/da = -(dU/dq_a - C_a^T lambda)"}
-    names |= {"K": "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G", "J": "J G"}
+        def stiffness() -> ca.SX:
+            of_joints = read["hessian"] != hessian
+            d2U_dq2 = _summed_matrix(chain, of_tree["hessian"], of_joints=of_joints)
+            return _congruence(closure, d2U_dq2 - closure.stiffness(multipliers))
+
+        of_motors: dict[str, Callable[[], ca.SX]] = {  # functions, since each builds what only its part needs
+            "G": lambda: closure.gradient(dU_dq, multipliers),
+            "T": lambda: -closure.gradient(dU_dq, multipliers),
+            "K": stiffness,
+            "J": lambda: _summed_columns(chain, of_tree["columns"]) @ closure.motion(),
+        }
+        rows = (ca.vec(ca.densify(of_motors[part]()).T) for part in parts)
+        return _expressions(closure, ca.vertcat(*rows))
+
+    names = {
+        "G": "dU/da = dU/dq_a - C_a^T lambda",
+        "T": "-dU/da = -(dU/dq_a - C_a^T lambda)",
+        "K": "d2U/da2 = G^T (d2U/dq2 - sum_k lambda_k d2c_k/dq2) G",
+        "J": "J G",
+    }
     heading = "; ".join(names[part] for part in parts)
-    inputs = Q.array(chain), *arrays, *turns
-    return *tree, StraightLine(tuple(each.array(chain) for each in results), expressions, inputs, heading=heading)
+    outputs, inputs = tuple(each.array(chain) for each in results), (Q.array(chain), *read.values(), *turns)
+    return *tree, StraightLine(outputs, expressions, inputs, heading=heading)
 
 
 def _of_joints(tree: Program, array: Array) -> tuple[Program, Array]:
@@ -132,24 +144,30 @@ def _with_turns(chain: Chain, tree: Program) -> tuple[Program, tuple[Array, ...]
     statements stand within the kernel: a call of a function costs 40 instructions more.
     """
     count, q = len(hinges(chain)), Q.array(chain)
-    columns = [step for step in tree if isinstance(step, StraightLine) and step.columns and step.moves]
-    if not (columns and count):
+    steps_of_columns = [step for step in tree if isinstance(step, StraightLine) and step.columns and step.moves]
+    if not (steps_of_columns and count):
         return tree, ()
-    (step,), turns = columns, (Array("loop_sines", (count,)), Array("loop_cosines", (count,)))
+    (of_columns,) = steps_of_columns
+    turns = Array("loop_sines", (count,)), Array("loop_cosines", (count,))
 
-    def alone(chain: Chain, q: ca.SX) -> Expressions:
+    def turns_alone(chain: Chain, q: ca.SX) -> Expressions:
         return Expressions(ca.vertcat(*sines_and_cosines(chain, q)), ())
 
     def together(chain: Chain, *arguments: ca.SX) -> Expressions:
-        whole = step.expressions(chain, *arguments)
-        result = ca.vertcat(*entries_of(whole.result), alone(chain, arguments[step.arguments.index(q)]).result)
+        whole = of_columns.expressions(chain, *arguments)
+        of_turns = turns_alone(chain, arguments[of_columns.arguments.index(q)])
+        result = ca.vertcat(*entries_of(whole.result), of_turns.result)
         return Expressions(result, whole.sections, (*whole.kinds, *(2 * count * (Kind.ROTATION,))))
 
+    step_of_turns = StraightLine(turns, turns_alone, (q,), heading="sines and cosines of the hinges in loops")
     both = replace(
-        step, outputs=(*step.outputs, *turns), expressions=together, name="",
-        apart=(step, StraightLine(turns, alone, (q,), heading="sines and cosines of the hinges in loops")),
-    )  # fmt: skip
-    return tuple(both if each is step else each for each in tree), turns
+        of_columns,
+        outputs=(*of_columns.outputs, *turns),
+        expressions=together,
+        name="",
+        apart=(of_columns, step_of_turns),
+    )
+    return tuple(both if each is of_columns else each for each in tree), turns
 
 
 def _summed_vector(chain: Chain, values: ca.SX, *, of_joints: bool) -> ca.SX:
@@ -257,7 +275,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         """Move the passive joints by one step, shortened to ``LARGEST_STEP``; the next step places the motors anew."""
         q = _placed(chain, actuated, last)
         closure = Closure(chain, q)
-        step = closure.passive_rates(closure.residual())[chain.base_joints :]
+        step = _newton_step(chain, closure)
         scale = 1 / ca.fmax(1, ca.sqrt(ca.sumsqr(step)) / LARGEST_STEP)
         moved = (q[k] if k in chain.actuated else q[k] + scale * step[k] for k in range(q.numel()))
         return _expressions(closure, ca.vertcat(*moved))
@@ -266,7 +284,7 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
         """Make the last step; NaN unless it is short and the loops were closed before it."""
         q = _placed(chain, actuated, last)
         closure = Closure(chain, q)
-        step = closure.passive_rates(closure.residual())[chain.base_joints :]
+        step = _newton_step(chain, closure)
         is_closed = (ca.sumsqr(step) <= LAST_STEP**2) * (closure.squared_gap() <= GAP**2)
         return _expressions(closure, q + step + zero_or_nan(is_closed))
 
@@ -279,6 +297,11 @@ def close(chain: Chain, actuated: Argument, start: Argument, result: Argument) -
     first = StraightLine(tuple(parts), spread, (motors, begin), heading="the motors on their way")
     last = CloseLoops((result.array(chain),), checked, (motors, states[-1]), heading="the last step; NaN unless closed")
     return first, *steps, last
+
+
+def _newton_step(chain: Chain, closure: Closure) -> ca.SX:
+    """Return -C_p^-1 c among the entries of q, zero for the motors: after this step c is zero to first order."""
+    return closure.passive_rates(closure.residual())[chain.base_joints :]
 
 
 def _placed(chain: Chain, actuated: ca.SX, q: ca.SX) -> ca.SX:

@@ -65,11 +65,13 @@ def select_loops(
 
     candidates = [_candidate(description, element) for element in (*map(read_loop, options.loop), *of_file)]
     found = [loop for loop in candidates if loop.element.option]
-    reached = coordinates(on_paths).union(*(coordinates(loop.joints) for loop in found))
     # A loop of the file belongs to the chain if it shares a coordinate with it, or with a loop that does.
-    while near := [loop for loop in candidates if loop not in found and coordinates(loop.joints) & reached]:
+    while True:
+        reached = coordinates([*on_paths, *(joint for loop in found for joint in loop.joints)])
+        near = [loop for loop in candidates if loop not in found and coordinates(loop.joints) & reached]
+        if not near:
+            break
         found += near
-        reached = reached.union(*(coordinates(loop.joints) for loop in near))
     for loop in found:
         _check(description, loop, base)
     return tuple(filter(found.__contains__, candidates))
