@@ -147,8 +147,9 @@ class _Reverse(Gradients):
         operands = tuple(Operand(each, "") for each in (*motions, *contributions))
 
         def body(*values: ca.SX) -> ca.SX:
-            joints = [value[self.chain.base_coordinates :] for value in values[: len(motions)]]
-            total = sum((*joints, *values[len(motions) :]), ca.SX.zeros(*extents(argument.shape)))
+            of_motions, others = values[: len(motions)], values[len(motions) :]
+            of_joints = [value[self.chain.base_coordinates :] for value in of_motions]
+            total = sum((*of_joints, *others), ca.SX.zeros(*extents(argument.shape)))
             if not argument.symmetric_part:
                 return total
             return as_operand(argument.shape, symmetric_entries(argument, entries_of(total)))
@@ -157,15 +158,17 @@ class _Reverse(Gradients):
 
     def _finish_base(self, pose: Array, result: Array) -> None:
         """Add the step that writes the covector of the base's twist, in base link axes."""
-        entries = self.bars.get(pose.name, [])
-        operands = tuple(Operand(each, "") for each in (*self.motions, *((pose, *entries) if entries else ())))
+        of_entries = self.bars.get(pose.name, [])  # gradients with respect to the pose's entries
+        arrays = (*self.motions, pose, *of_entries) if of_entries else tuple(self.motions)
+        operands = tuple(Operand(each, "") for each in arrays)
 
         def body(*values: ca.SX) -> ca.SX:
-            total = sum((value[: self.chain.base_coordinates] for value in values[: len(self.motions)]), ca.SX.zeros(6))
-            if entries:
-                value, *gradients = values[len(self.motions) :]
-                bar = value[:3, :3].T @ sum(gradients, ca.SX.zeros(4, 4))[:3, :]
-                total += ca.vertcat(bar[:, 3], turn(ca.SX.eye(3), bar[:, :3]))
+            of_motions, others = values[: len(self.motions)], values[len(self.motions) :]
+            total = sum((value[: self.chain.base_coordinates] for value in of_motions), ca.SX.zeros(6))
+            if others:  # the last formula of the module's head
+                pose_value, *gradients = others
+                in_base_axes = pose_value[:3, :3].T @ sum(gradients, ca.SX.zeros(4, 4))[:3, :]  # R^T [R_bar, p_bar]
+                total += ca.vertcat(in_base_axes[:, 3], turn(ca.SX.eye(3), in_base_axes[:, :3]))
             return ca.densify(total)
 
         self.steps.append(Map(f"{result.name}: in the base's axes", Over.ONCE, Operand(result, ""), operands, body))

@@ -15,7 +15,7 @@ A difference within the function's rounding is no fault, because contributions t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,13 +31,21 @@ from stiffgen.core.verify.result import Check, Kernels, as_results
 from stiffgen.families.derivatives.branches import choices
 
 _EIGHTH = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+"""Weights of the central difference of eighth order, by the number of steps from the centre."""
 _SIXTH = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 _FOURTH = {1: 2 / 3, 2: -1 / 12}
+_PLACES = range(-4, 5)
+"""Places on a line at which a function is evaluated, in steps from the state; the differences do not read place 0."""
 _STEP = 1e-3
 """Step along a direction of about 1 in every angle [rad]; other arguments change in proportion to their size."""
 _DIRECTIONS = 3
+"""Random directions per state."""
 _Arrays = list[FloatArray]
+"""One stack (states, ...) per argument, or per result."""
 _BOUND = 1e-10
+"""Largest error of a product, relative to the sum of its terms' magnitudes."""
+_LEAST_SHARE = 1e-3
+"""Least size of a product's terms, relative to those of L: where gradients are smaller, the rounding of L counts."""
 _AGREE = 1e-9, 1e-6
 """Largest changes from sixth and fourth order to eighth. At a distance d from a singularity of the type 1 / d, they are
 36 (h/d)^6 and 4 (h/d)^4 for steps h, and the error of eighth order is 576 (h/d)^8: at most 5e-12."""
@@ -60,6 +68,71 @@ def check_derivatives(
 
 
 @dataclass(frozen=True)
+class _ProbedLine:
+    """Line through every state along a direction in all arguments together, on which L is differentiated.
+
+    Attributes:
+        chain: the robot.
+        of: kernel whose results L weighs.
+        values: the kernel's arguments in the states.
+        cotangents: weights of the results.
+        directions: change of each argument per unit of the line's length.
+
+    """
+
+    chain: Chain
+    of: Kernel
+    values: _Arrays
+    cotangents: _Arrays
+    directions: _Arrays
+
+    def moved(self, step: float) -> _Arrays:
+        """Return every argument after a step along the line."""
+        return [
+            _moved_base(value, step * direction) if argument.is_base_pose else value + step * direction
+            for argument, value, direction in zip(self.of.arguments, self.values, self.directions, strict=True)
+        ]
+
+    def differences(self, function: Callable[..., Any]) -> _Differences:
+        """Return the differences of L, from the kernel's compiled function."""
+        terms = {k: _terms(function, self.moved(k * _STEP), self.cotangents) for k in _PLACES if k}
+
+        def derivative(weights: Mapping[int, float]) -> FloatArray:
+            changes = [weight * (terms[k] - terms[-k]).sum(axis=1) for k, weight in weights.items()]
+            return np.asarray(np.sum(changes, axis=0) / _STEP)
+
+        size = float(np.nanmax(np.abs(terms[1]).sum(axis=1), initial=1e-300))
+        return _Differences(derivative(_EIGHTH), derivative(_SIXTH), derivative(_FOURTH), size)
+
+    def products(self, gradients: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
+        """Return the sum of gradients times directions in every state, and the sum of the terms' magnitudes."""
+        product, size = np.zeros(len(self.values[0])), np.zeros(len(self.values[0]))
+        for gradient, direction in zip(gradients, self.directions, strict=True):
+            terms = _per_state(gradient * direction)
+            product, size = product + terms.sum(axis=1), size + np.abs(terms).sum(axis=1)
+        return product, size
+
+    def noise(self) -> FloatArray:
+        """Return the effect of the function's rounding on the difference of eighth order, in every state."""
+        per_error = math.sqrt(2 * sum(weight**2 for weight in _EIGHTH.values())) / _STEP
+        errors, squares = rounding_errors(self.chain, self.of, self.values) or [], np.zeros(len(self.values[0]))
+        for cotangent, error in zip(self.cotangents, errors, strict=bool(errors)):
+            squares = squares + ((_per_state(cotangent) * _per_state(error)) ** 2).sum(axis=1)
+        return np.asarray(per_error * np.sqrt(squares))
+
+    def keeps_branch(self) -> NDArray[np.bool_]:
+        """Return for every state whether the function takes the same branches at all places on the line."""
+        states, places = len(self.values[0]), [self.moved(k * _STEP) for k in _PLACES]
+        at_all_places = [np.concatenate(stacks) for stacks in zip(*places, strict=True)]  # one place after the other
+        branches = choices(self.chain, self.of, at_all_places)
+        if branches is None:
+            return np.ones(states, dtype=bool)
+        by_place = branches.reshape(len(places), states, -1)  # (places, states, conditions)
+        same: NDArray[np.bool_] = (by_place == by_place[0]).all(axis=(0, 2))
+        return same
+
+
+@dataclass(frozen=True)
 class _Differences:
     """Differences of L of eighth, sixth and fourth order in every state, and the size of the terms of L."""
 
@@ -68,119 +141,87 @@ class _Differences:
     fourth: FloatArray
     terms: float
 
-    @staticmethod
-    def along(call: Any, of: Kernel, values: _Arrays, cotangents: _Arrays, directions: _Arrays) -> _Differences:
-        """Return the differences along directions in all arguments together."""
-        steps = [k for k in range(-4, 5) if k != 0]
-        moved = {k: _terms(call, _moved(of, values, directions, k * _STEP), cotangents) for k in steps}
-        eighth, sixth, fourth = (
-            np.sum([w * (moved[k] - moved[-k]).sum(axis=1) for k, w in weights.items()], axis=0) / _STEP
-            for weights in (_EIGHTH, _SIXTH, _FOURTH)
-        )
-        terms = float(np.nanmax(np.abs(moved[1]).sum(axis=1), initial=1e-300))
-        return _Differences(eighth, sixth, fourth, terms)
-
-    def errors(
-        self, chain: Chain, of: Kernel, at: tuple[_Arrays, _Arrays, _Arrays], gradients: Sequence[Any]
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the relative error of the gradients in every state, and in which states the function is smooth.
-
-        Both questions that take long, rounding and branches, are asked only where an error is beyond its bound.
-        """
-        values, cotangents, directions = at
-        terms = [_per_state(g * d) for g, d in zip(gradients, directions, strict=True)]
-        product = sum((each.sum(axis=1) for each in terms), np.zeros(len(self.eighth)))
-        size = sum((np.abs(each).sum(axis=1) for each in terms), np.zeros(len(self.eighth)))
-        # Where the gradients are small, the rounding of the terms of L sets the scale.
-        size = np.maximum(size, 1e-3 * self.terms)
-        changes = np.abs(self.eighth - self.sixth), np.abs(self.eighth - self.fourth)
-        smooth = (changes[0] <= _AGREE[0] * size) & (changes[1] <= _AGREE[1] * size)
-        difference = np.abs(product - self.eighth)
-        if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
-            difference = beyond_rounding(difference, _noise(chain, of, values, cotangents))
-        error = difference / size
-        if (error[smooth] > _BOUND).any():
-            smooth = smooth & _keeps_branch(chain, of, values, directions)
-        return np.asarray(error), smooth
+    def agree(self, size: FloatArray) -> NDArray[np.bool_]:
+        """Return for every state whether the orders agree, relative to a size: the line comes near no singularity."""
+        from_sixth, from_fourth = np.abs(self.eighth - self.sixth), np.abs(self.eighth - self.fourth)
+        agree: NDArray[np.bool_] = (from_sixth <= _AGREE[0] * size) & (from_fourth <= _AGREE[1] * size)
+        return agree
 
 
-def _check(kernels: Kernels, of: Kernel, kernel: Kernel, chain: Chain, pool: Mapping[Argument, FloatArray]) -> Check:
-    """Compare the product ``kernel`` with differences of ``of``, in all states in which ``of`` is a number.
+def _errors(
+    line: _ProbedLine, differences: _Differences, gradients: Sequence[Any]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the relative error of the gradients in every state, and in which states the function is smooth.
+
+    Both questions that take long, rounding and branches, are asked only where an error is beyond its bound.
+    """
+    product, size = line.products(gradients)
+    size = np.maximum(size, _LEAST_SHARE * differences.terms)
+    smooth = differences.agree(size)
+    difference = np.abs(product - differences.eighth)
+    if (difference > _BOUND * size).any():  # contributions that cancel leave their rounding
+        difference = beyond_rounding(difference, line.noise())
+    error = difference / size
+    if (error[smooth] > _BOUND).any():
+        smooth = smooth & line.keeps_branch()
+    return np.asarray(error), smooth
+
+
+def _check(kernels: Kernels, of: Kernel, product: Kernel, chain: Chain, pool: Mapping[Argument, FloatArray]) -> Check:
+    """Compare the kernel ``product`` with differences of ``of``, in all states in which ``of`` is a number.
 
     The check fails unless as many differences are smooth as there are states, of ``_DIRECTIONS`` in each.
     """
     random = np.random.default_rng(2)
+    function = kernels[of.qualified_name]
     values = [np.asarray(pool[argument], dtype=float) for argument in of.arguments]
-    cotangents = [pool[argument] for argument in kernel.arguments[len(of.arguments) :]]
-    closes = np.isfinite(_terms(kernels[of.qualified_name], values, cotangents)).all(axis=1)  # NaN: loops do not close
-    values, cotangents = ([each[closes] for each in arrays] for arrays in (values, cotangents))
-    gradients = as_results(kernels[kernel.qualified_name](*values, *cotangents))
-    worst, used = 0.0, 0
+    cotangents = [pool[argument] for argument in product.arguments[len(of.arguments) :]]
+    closes = np.isfinite(_terms(function, values, cotangents)).all(axis=1)  # NaN: loops do not close
+    values, cotangents = [each[closes] for each in values], [each[closes] for each in cotangents]
+    gradients = as_results(kernels[product.qualified_name](*values, *cotangents))
+    worst, smooth_count = 0.0, 0
     for _ in range(_DIRECTIONS):
         directions = [
             random.uniform(-1, 1, gradient.shape) * _scale(value, argument)
             for gradient, value, argument in zip(gradients, values, of.arguments, strict=True)
         ]
-        differences = _Differences.along(kernels[of.qualified_name], of, values, cotangents, directions)
-        error, smooth = differences.errors(chain, of, (values, cotangents, directions), gradients)
-        used += int(smooth.sum())
+        line = _ProbedLine(chain, of, values, cotangents, directions)
+        differences = line.differences(function)
+        error, smooth = _errors(line, differences, gradients)
+        smooth_count += int(smooth.sum())
         worst = max(worst, float(np.max(error[smooth], initial=0.0)))
-        if not np.isfinite(error[np.isfinite(differences.eighth)]).all():  # the product is none where the function is
+        is_number = np.isfinite(differences.eighth)
+        if not np.isfinite(error[is_number]).all():  # the function is a number, the product is none
             worst = math.inf
     title = "differences of the function"
-    if not closes.any() or used < closes.sum():
-        return Check(kernel.qualified_name, title, math.inf, _BOUND, f"{used} states are smooth")
-    return Check(kernel.qualified_name, title, worst, _BOUND)
-
-
-def _keeps_branch(
-    chain: Chain, of: Kernel, values: list[FloatArray], directions: list[FloatArray]
-) -> NDArray[np.bool_]:
-    """Return for every state whether the function takes the same branches at all steps along the direction."""
-    places = [_moved(of, values, directions, k * _STEP) for k in range(-4, 5)]
-    branches = choices(chain, of, [np.concatenate(each) for each in zip(*places, strict=True)])
-    if branches is None:
-        return np.ones(len(values[0]), dtype=bool)
-    by_step = branches.reshape(len(places), len(values[0]), -1)
-    same: NDArray[np.bool_] = (by_step == by_step[0]).all(axis=(0, 2))
-    return same
-
-
-def _moved(of: Kernel, values: list[FloatArray], directions: list[FloatArray], step: float) -> list[FloatArray]:
-    """Return every argument after a step along its direction."""
-    return [
-        _moved_base(value, step * direction) if argument.is_base_pose else value + step * direction
-        for argument, value, direction in zip(of.arguments, values, directions, strict=True)
-    ]
+    if not closes.any() or smooth_count < closes.sum():
+        return Check(product.qualified_name, title, math.inf, _BOUND, f"{smooth_count} states are smooth")
+    return Check(product.qualified_name, title, worst, _BOUND)
 
 
 def _moved_base(pose: FloatArray, twist: FloatArray) -> FloatArray:
-    """Return poses (4, 4) of the base after a motion to p + R v, R exp([w]), by Rodrigues' formula."""
-    rotation, angle = pose[:, :3, :3], np.linalg.norm(twist[:, 3:], axis=1)[:, None, None]
-    turn = np.cross(np.eye(3), twist[:, None, 3:])  # [w]
-    exponential = np.eye(3) + np.sinc(angle / np.pi) * turn + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (turn @ turn)
+    """Return poses (states, 4, 4) of the base after a motion by x = (v, w) to p + R v, R exp([w]).
+
+    Rodrigues: exp([w]) = I + sin(a)/a [w] + (1 - cos a)/a^2 [w]^2 with the angle a = |w|.
+    """
+    v, w = twist[:, :3], twist[:, 3:]
+    rotation, angle = pose[:, :3, :3], np.linalg.norm(w, axis=1)[:, None, None]
+    turn = np.cross(np.eye(3), w[:, None, :])  # [w]
+    sine = np.sinc(angle / np.pi)  # sin(a)/a: NumPy's sinc(x) is sin(pi x)/(pi x)
+    cosine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # (1 - cos a)/a^2 = 2 sin(a/2)^2/a^2
     moved = pose.copy()
-    moved[:, :3, 3] += np.einsum("sij,sj->si", rotation, twist[:, :3])
-    moved[:, :3, :3] = rotation @ exponential
+    moved[:, :3, 3] += np.einsum("sij,sj->si", rotation, v)
+    moved[:, :3, :3] = rotation @ (np.eye(3) + sine * turn + cosine * (turn @ turn))
     return moved
 
 
-def _terms(function: object, values: list[FloatArray], cotangents: list[FloatArray]) -> FloatArray:
-    """Return the terms of L for every state.
+def _terms(function: Callable[..., Any], values: _Arrays, cotangents: _Arrays) -> FloatArray:
+    """Return the terms of L, cotangents times results, (states, terms).
 
     Terms are subtracted one by one: entries that do not change leave no rounding in a difference of L.
     """
-    assert callable(function)
     results = as_results(function(*values))
     return np.concatenate([_per_state(c * r) for c, r in zip(cotangents, results, strict=True)], axis=1)
-
-
-def _noise(chain: Chain, of: Kernel, values: list[FloatArray], cotangents: list[FloatArray]) -> FloatArray:
-    """Return the effect of rounding on the difference of eighth order of L."""
-    spread = math.sqrt(2 * sum(weight**2 for weight in _EIGHTH.values())) / _STEP
-    errors = rounding_errors(chain, of, values) or []
-    squares = [(_per_state(c) * _per_state(e)) ** 2 for c, e in zip(cotangents, errors, strict=bool(errors))]
-    return spread * np.sqrt(sum((each.sum(axis=1) for each in squares), np.zeros(len(values[0]))))
 
 
 def _per_state(values: FloatArray) -> FloatArray:
@@ -192,4 +233,5 @@ def _scale(value: FloatArray, argument: Argument) -> FloatArray:
     """Return scales of directions: 1 for angles and rotations, the size of its entries for any other argument."""
     if argument.turns:  # a pose's rotation is differentiated entry by entry, also away from rotations
         return np.ones(1)
-    return np.asarray(np.abs(_per_state(value)).max(axis=1).reshape(-1, *[1] * (value.ndim - 1)))
+    largest = np.abs(_per_state(value)).max(axis=1)  # of each state
+    return np.asarray(largest.reshape(-1, *[1] * (value.ndim - 1)))

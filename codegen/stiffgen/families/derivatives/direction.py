@@ -70,10 +70,13 @@ def direction_gradient_kernel(configuration: tuple[Argument, ...]) -> Kernel:
     )
     program = partial(stiffness_direction_gradient, wrench=F, task_stiffness=K, direction=DIRECTION, result=result)
     return Kernel(
-        "stiffness_direction_gradient", "hybrid", (*configuration, F, K, DIRECTION), (result,),
-        "Gradient of the joint stiffness along a direction; wrench, task stiffness and direction are held.",
-        "d(v^T Kq v)/dq; with a unit eigenvector v of Kq, the gradient of its eigenvalue",
-        partial(program, representation="hybrid"),
+        name="stiffness_direction_gradient",
+        group="hybrid",
+        arguments=(*configuration, F, K, DIRECTION),
+        results=(result,),
+        summary="Gradient of the joint stiffness along a direction; wrench, task stiffness and direction are held.",
+        equation="d(v^T Kq v)/dq; with a unit eigenvector v of Kq, the gradient of its eigenvalue",
+        program=partial(program, representation="hybrid"),
         batch=True,
         is_gradient=True,
-    )  # fmt: skip
+    )

@@ -33,30 +33,29 @@ def _weights(f: Lowering, step: Weights) -> None:
     Without vectors, weights that are added up (``mirror``) or lie on paths need an array of their own, which serves as
     output and transpose.
     """
-    m, lanes = len(f.chain.joints), f.variant.joint_lanes
-    depth = step.source.size // (m * m)
     source, output, transposed = f.storage(step.source), f.storage(step.output), f.storage(step.transposed)
-    paths = step.over.is_paths
-    if not lanes and not step.mirror and not paths:
+    targets: tuple[Pointer, ...]
+    if f.variant.joint_lanes:
+        for storage in (output, transposed):
+            storage.layout = Layout.WEIGHT_ROWS
+            f.declare_as(storage)
+        targets = Pointer(output, row=0), Pointer(transposed, row=0)
+    elif step.mirror or step.over.is_paths:
+        f.declare_flat(output)
+        output.layout = Layout.WEIGHTS  # declared as numbers in a row, read as weights of pairs
+        # Weights that are added up are symmetric.
+        transposed.layout = Layout.WEIGHTS_TRANSPOSED if step.over.is_paths else Layout.WEIGHTS
+        transposed.companion = output
+        targets = (Pointer(output),)
+    else:
         output.layout, transposed.layout = Layout.WEIGHTS, Layout.WEIGHTS_TRANSPOSED
         output.companion = transposed.companion = source
         return
-    folded = sum(i != j for i, j in step.over.indices(f.chain)) if step.mirror else 0
-    stored = [output, transposed] if lanes else [output]
-    for storage in stored:
-        if lanes:
-            storage.layout = Layout.WEIGHT_ROWS
-            f.declare_as(storage)
-        else:
-            f.declare_flat(storage)
-            storage.layout = Layout.WEIGHTS  # declared as numbers in a row, read as weights of pairs
-    if not lanes:  # folded pairs are symmetric
-        transposed.layout = Layout.WEIGHTS_TRANSPOSED if paths else Layout.WEIGHTS
-        transposed.companion = output
-    targets = tuple(Pointer(storage, row=0 if lanes else None) for storage in stored)
+    depth = step.source.size // len(f.chain.joints) ** 2  # numbers per pair
     calls = _weight_calls(f, step, Pointer(source), depth, targets)
+    added = sum(i != j for i, j in step.over.indices(f.chain)) if step.mirror else 0  # pairs
     comment = f"{step.output.name}_ij: what the pair {step.over} hands back"
-    f.add(Helpers(tuple(calls), comment, step, Operations(add=depth * folded)))
+    f.add(Helpers(tuple(calls), comment, step, Operations(add=depth * added)))
 
 
 def _weight_calls(f: Lowering, step: Weights, source: Pointer, depth: int, targets: tuple[Pointer, ...]) -> list[Call]:
@@ -89,14 +88,14 @@ def _gather(f: Lowering, step: Gather) -> None:
     if not lanes and (step.without_base or step.over is Over.BASE):
         raise NotImplementedError("maps over the pairs of a base's joints go back in vectors of joints only")
     inputs, values = f.apply(step.operands, step.expression, rows=True)
-    zeros = {k for k, value in enumerate(values) if value.is_zero()}
-    # A function that reads the whole array reads its zeros, too: these are stored.
-    output.zeros, output.zero_rows = set() if output.whole else zeros, True
-    f.declare(output, "j")
+    zeros = {k for k, value in enumerate(values) if value.is_zero()}  # rows of the output
     rows = tuple(k for k in range(step.output.shape[0]) if k not in zeros)
     sums: list[tuple[tuple[Entry, ...], ca.SX]] = [((Local("sum", k),), values[row]) for k, row in enumerate(rows)]
     body = make_body(inputs, sums, wide_outputs=True, accumulate=True)
+    # A function that reads the whole array reads its zeros, too: these are stored, and no reader leaves them out.
     cleared = tuple(sorted(zeros)) if output.whole else ()
+    output.zeros, output.zero_rows = zeros.difference(cleared), True
+    f.declare(output, "j")
     f.add(ColumnSums(step.comment, step.over, output, body, rows, cleared, pairs))
 
 

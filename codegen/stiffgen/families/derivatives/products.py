@@ -51,10 +51,11 @@ def _reverse_program(chain: Chain, of: Kernel) -> Program:
 def _product_of_whole(chain: Chain, of: Kernel, whole: Kernel) -> Program:
     """Return the program of the product of ``whole``, with zero cotangents for results that ``of`` does not have."""
     product = vector_jacobian_product(whole)
-    cotangents = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
+    cotangents_of_part = {result.name: _cotangent(result, len(of.results)).array(chain) for result in of.results}
     inputs = [(argument.array(chain), ArgumentSlice(argument.array(chain))) for argument in whole.arguments]
     for result in whole.results:
-        inputs.append((_cotangent(result, len(whole.results)).array(chain), ArgumentSlice(cotangents.get(result.name))))
+        cotangent = _cotangent(result, len(whole.results)).array(chain)
+        inputs.append((cotangent, ArgumentSlice(cotangents_of_part.get(result.name))))  # without one: zeros
     outputs = tuple(result.array(chain) for result in product.results)
     term = Term(product.qualified_name, chain, product.program(chain), tuple(inputs))
     return (Sum(outputs, tuple(output.name for output in outputs), (term,)),)
@@ -84,12 +85,15 @@ def vector_jacobian_product(of: Kernel, whole: Kernel | None = None) -> Kernel:
 def products(kernels: tuple[Kernel, ...]) -> Iterator[Kernel]:
     """Yield VJP kernels, callees first: the product of a part calls that of the whole kernel."""
     by_name = {(kernel.path, kernel.name): kernel for kernel in kernels}
-    whole_of = {
-        kernel: by_name[kernel.path, kernel.part_of] for kernel in kernels if (kernel.path, kernel.part_of) in by_name
-    }
+    parts_of: dict[tuple[tuple[str, ...], str], list[Kernel]] = {}  # by path and name of the whole kernel
+    for kernel in kernels:
+        whole = kernel.path, kernel.part_of
+        if whole in by_name:
+            parts_of.setdefault(whole, []).append(kernel)
     for kernel in kernels:
         if kernel.is_gradient:
             continue
-        if kernel not in whole_of:
+        if (kernel.path, kernel.part_of) not in by_name:
             yield vector_jacobian_product(kernel)
-        yield from (vector_jacobian_product(part, kernel) for part, whole in whole_of.items() if whole is kernel)
+        for part in parts_of.get((kernel.path, kernel.name), ()):
+            yield vector_jacobian_product(part, whole=kernel)

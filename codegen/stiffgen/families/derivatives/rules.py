@@ -54,26 +54,26 @@ def _map(run: Gradients, step: Map) -> None:
 
     The gradients are those of the loss, the dot product of the map's expression with the gradient of its output.
     """
-    bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])
-    sums: dict[str, tuple[Array, ca.SX]] = {}  # gradients with respect to whole arrays, as terms of one joint
+    bars = tuple(Operand(bar, step.output.at) for bar in run.bars[step.output.array.name])  # contributions
     values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
     seeds = [symbols(operand, f"c{k}_") for k, operand in enumerate(bars)]
     symbols_of = tuple(zip((*step.operands, *bars), (*values, *seeds), strict=True))
-    seed = sum((column(each) for each in seeds), ca.SX(0))
+    seed = sum((column(each) for each in seeds), ca.SX(0))  # gradient of the output
     loss = ca.dot(column(step.expression(*run.known(step, values))), seed)
+    sums: dict[str, tuple[Array, ca.SX]] = {}  # gradients with respect to whole arrays, as terms of one joint
     for operand, value in zip(step.operands, values, strict=True):
         gradient = ca.densify(ca.gradient(loss, value))
+        has_own_gradient = operand.at == "j" or step.over is Over.ONCE  # in every evaluation, none to be summed
         if gradient.is_zero():
             continue
-        if operand.at == "j" or step.over is Over.ONCE:
-            if _passes(run, operand, bars, gradient, seed):
-                run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # unchanged gradient: no step
-            else:
-                _append_map(run, step, operand, gradient, symbols_of)
-            continue
-        for array, part in _through_sums(run, operand.array, gradient):
-            total = sums.get(array.name, (array, ca.SX.zeros(array.size)))[1]
-            sums[array.name] = array, total + part
+        if has_own_gradient and _passes(run, operand, bars, gradient, seed):
+            run.bars.setdefault(operand.array.name, []).append(bars[0].array)  # unchanged gradient: no step
+        elif has_own_gradient:
+            _append_map(run, step, operand, gradient, symbols_of)
+        else:
+            for array, term in _through_sums(run, operand.array, gradient):
+                _, total = sums.get(array.name, (array, ca.SX.zeros(array.size)))
+                sums[array.name] = array, total + term
     if sums:
         _append_sums(run, step, list(sums.values()), symbols_of)
 
@@ -154,22 +154,20 @@ def _pairs(run: Gradients, step: Map) -> None:
     weights, transposed = (run.local(name, shape) for name in ("W", "WT"))
     run.steps.append(Weights(bar, weights, transposed, step.over, step.mirror, without_base))
     values = [symbols(operand, f"x{k}_") for k, operand in enumerate(step.operands)]
-    pair = Operand(weights, "ij")
-    seed = symbols(pair, "c_")
+    seed = symbols(Operand(weights, "ij"), "c_")  # gradient of the pair's result
     loss = ca.dot(column(step.expression(*run.known(step, values))), column(seed))
     for operand, value in zip(step.operands, values, strict=True):
         if operand.at not in ("i", "j"):
             raise NotImplementedError("a map over pairs has operands of its joints only")
-        flip = operand.at == "i"  # a Gather sums over i for every j: exchange the two
-        all_operands = [each.flipped if flip else each for each in step.operands]
-        weighted = Operand(transposed if flip else weights, "ij")
-        symbols_of = tuple(zip((*all_operands, weighted), (*values, seed), strict=True))
         gradient = ca.densify(ca.gradient(loss, value))
         if gradient.is_zero():
             continue
-        operands, body = pruned(symbols_of, gradient)
-        over = step.over.flipped if flip else step.over
-        summed = "j" if flip else "i"
+        # A Gather sums over i for every j: for an operand at i the two change places.
+        all_operands, over, summed, pair = list(step.operands), step.over, "i", Operand(weights, "ij")
+        if operand.at == "i":
+            all_operands, over = [each.flipped for each in step.operands], step.over.flipped
+            summed, pair = "j", Operand(transposed, "ij")
+        operands, body = pruned(tuple(zip((*all_operands, pair), (*values, seed), strict=True)), gradient)
         comment = f"gradient with respect to {shown(operand.array)}_{operand.at}: sum over joints {summed} of its pairs"
         run.steps.append(Gather(comment, over, run.new(operand.array), operands, body, without_base))
 
@@ -185,17 +183,25 @@ def _straight_line(run: Gradients, step: StraightLine, variables: tuple[Array, .
     variables = tuple(sorted(variables, key=lambda array: array.name not in run.columns))  # columns are stored first
     outputs = tuple(run.new(array) for array in variables)
     bars = [(output, bar) for output in step.outputs for bar in run.bars.get(output.name, ())]
-    is_shared = not step.moves and step.name and {output for output, _ in bars} == set(step.outputs[: step.columns])
-    if not is_shared:
+    only_columns = {output for output, _ in bars} == set(step.outputs[: step.columns])
+    if not (step.name and only_columns) or step.moves:
         count = sum(array.name in run.columns for array in variables)
         run.steps.append(replace(_statements(step, variables, bars, outputs), columns=count))
         return
     (columns,), (result,) = step.outputs[: step.columns], outputs
     bar, q_bar = Array(bar_name(columns.name), columns.shape), Array(bar_name(Q.name), result.shape)
-    meaning = f"Gradient with respect to q, from the gradient {bar.name} with respect to the columns {shown(columns)}"
-    steps = (_statements(step, variables, [(columns, bar)], (q_bar,)),)
-    parameters, arguments = (*step.arguments, bar), (*step.arguments, run.one(columns))
-    run.steps.append(Shared(f"{step.name}_vjp", meaning, parameters, q_bar, steps, arguments, result, (bar,)))
+    shared = Shared(
+        name=f"{step.name}_vjp",
+        meaning=f"Gradient with respect to q, from the gradient {bar.name} with respect to the columns "
+        f"{shown(columns)}",
+        parameters=(*step.arguments, bar),
+        result=q_bar,
+        steps=(_statements(step, variables, [(columns, bar)], (q_bar,)),),
+        arguments=(*step.arguments, run.one(columns)),
+        output=result,
+        columns=(bar,),
+    )
+    run.steps.append(shared)
 
 
 def _dependencies(run: Gradients, step: StraightLine, variables: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -248,12 +254,21 @@ def _columns(run: Gradients, moves: Representation, J: Array, covectors: list[Ar
     steps, sums = _column_sums(moves, columns, bar, run.chain.base_joints)
     operands = (*(Operand(each, "j") for each in sums), *(Operand(each, "") for each in forces))
     steps.append(_dots(columns, operands, q_bar, floating=run.chain.floating))
-    name = f"{moves}_columns_{'and_pose_' if forces else ''}vjp"
-    meaning = "Gradient with respect to q, from the gradient J_bar with respect to Jacobian columns J" + (
-        " and the covector f0 of the gradient with respect to the pose" if forces else ""
-    ) + f"; {moves} representation"  # fmt: skip
-    parameters, arguments = (columns, bar, *forces), (J, run.one(J), *covectors)
-    run.steps.append(Shared(name, meaning, parameters, q_bar, tuple(steps), arguments, output, (columns, bar)))
+    and_pose, and_covector = "", ""
+    if forces:
+        and_pose, and_covector = "and_pose_", " and the covector f0 of the gradient with respect to the pose"
+    shared = Shared(
+        name=f"{moves}_columns_{and_pose}vjp",
+        meaning="Gradient with respect to q, from the gradient J_bar with respect to Jacobian columns J"
+        f"{and_covector}; {moves} representation",
+        parameters=(columns, bar, *forces),
+        result=q_bar,
+        steps=tuple(steps),
+        arguments=(J, run.one(J), *covectors),
+        output=output,
+        columns=(columns, bar),
+    )
+    run.steps.append(shared)
 
 
 def _covector(run: Gradients, pose: Array) -> Array:
@@ -317,24 +332,26 @@ def _statements(
 
     def expressions(chain: Chain, *values: ca.SX) -> Expressions:
         """Return the gradients as columns, stacked; ``values`` are the step's arguments, then the gradients."""
+        arguments, gradients = values[:count], values[count:]
         symbols = [ca.SX.sym(a.name, *extents(a.shape)) for a in step.arguments]
         named = dict(zip((argument.name for argument in step.arguments), symbols, strict=True))
         of_variables = [named[array.name] for array in variables]
-        forward = step.expressions(chain, *symbols)
+        result = column(step.expressions(chain, *symbols).result)  # all outputs, stacked
         sums = {output.name: ca.SX.zeros(output.size) for output in step.outputs}
-        for (output, _), value in zip(bars, values[count:], strict=True):
-            sums[output.name] += column(value)
-        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))  # the gradient with respect to all outputs
-        stacked = ca.vertcat(*map(ca.vec, of_variables))
-        gradient = ca.densify(ca.jtimes(column(forward.result), stacked, seed, True))  # True: transposed Jacobian
+        for (output, _), gradient in zip(bars, gradients, strict=True):
+            sums[output.name] += column(gradient)
+        seed = ca.vertcat(*(sums[output.name] for output in step.outputs))
+        transposed = True
+        product = ca.densify(ca.jtimes(result, ca.vertcat(*map(ca.vec, of_variables)), seed, transposed))
         entries = []
         start = 0
         for symbol in of_variables:
             size = symbol.numel()
-            entries.append(column(ca.reshape(gradient[start : start + size], *symbol.shape)))
+            entries.append(column(ca.reshape(product[start : start + size], *symbol.shape)))
             start += size
-        everything, given_values = (ca.vertcat(*map(ca.vec, each)) for each in (symbols, values[:count]))
-        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), everything, given_values)), ())
+        # The symbols' entries column by column, as those of the arguments.
+        all_symbols, all_arguments = (ca.vertcat(*map(ca.vec, each)) for each in (symbols, arguments))
+        return Expressions(ca.densify(ca.substitute(ca.vertcat(*entries), all_symbols, all_arguments)), ())
 
     heading = "gradients with respect to " + ", ".join(shown(array) for array in variables)
     arguments = (*step.arguments, *(bar for _, bar in bars))

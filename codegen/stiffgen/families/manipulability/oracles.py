@@ -9,11 +9,11 @@ from stiffgen.families.manipulability.reference import Manipulability
 
 
 def manipulability(r: References) -> Manipulability:
-    """Measure and gradient from the singular values of the columns of the joints on the way to the tip."""
+    """Return measure and gradient from the singular values of the columns of the joints on the way to the tip."""
     on_the_way = r.chain.without_side_joints().joints[r.chain.base_joints :]
     columns = sorted({joint.coordinate for joint in on_the_way})
-    rates = r.derivative["body"][:, r.chain.base_joints :, columns].transpose(0, 1, 3, 2)
-    return Manipulability.of(r.jacobian["body"][:, :, columns], rates)
+    transposed_rates = r.derivative["body"][:, r.chain.base_joints :, columns]  # dJ^T/dq_i, (samples, n, columns, 6)
+    return Manipulability.of(r.jacobian["body"][:, :, columns], derivative=transposed_rates.transpose(0, 1, 3, 2))
 
 
 ORACLES = {

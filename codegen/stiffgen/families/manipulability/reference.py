@@ -37,10 +37,19 @@ class Manipulability:
         """Return the references of stacks of J, (count, 6, m), and of dJ/dq, (count, n, 6, m)."""
         U, s, Vt = np.linalg.svd(np.asarray(jacobian, dtype=float), full_matrices=False)
         rates = np.asarray(derivative, dtype=float)
-        others = np.stack([np.prod(np.delete(s, k, axis=1), axis=1) for k in range(s.shape[1])], axis=1)
-        gradient = np.einsum("sk,sak,siab,skb->si", others, U, rates, Vt)
-        sensitivity = s[:, 0] * others.sum(axis=1)
-        condition = s[:, 0] / np.maximum(s[:, -1], np.finfo(float).tiny ** 0.5)
-        # Columns of dJ/dq are Lie brackets of those of J; sums of brackets can cancel in every entry.
-        rate = s[:, 0] * (1 + s[:, 0]) * condition * others.max(axis=1)
-        return Manipulability(s.prod(axis=1), gradient, sensitivity, np.broadcast_to(rate[:, None], gradient.shape))
+        largest, least = s[:, 0], s[:, -1]
+        others = np.stack([np.prod(np.delete(s, k, axis=1), axis=1) for k in range(s.shape[1])], axis=1)  # without s_k
+        # dw/dq_i = sum over k of others_k u_k^T dJ/dq_i v_k; n for the state, a and b for row and column of J
+        gradient = np.einsum("nk,nak,niab,nkb->ni", others, U, rates, Vt)
+        # A relative error e of J changes each s_k by e s_1, and w by e s_1 times the sum of the others' products.
+        measure_error = largest * others.sum(axis=1)
+        # It turns u_k and v_k by up to e s_1/s_k. Columns of dJ/dq are Lie brackets of those of J; sums of brackets can
+        # cancel in every entry.
+        turn = largest / np.maximum(least, np.finfo(float).tiny ** 0.5)
+        gradient_error = largest * (1 + largest) * turn * others.max(axis=1)
+        return Manipulability(
+            measure=s.prod(axis=1),
+            gradient=gradient,
+            measure_error=measure_error,
+            gradient_error=np.broadcast_to(gradient_error[:, None], gradient.shape),
+        )

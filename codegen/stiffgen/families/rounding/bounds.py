@@ -172,23 +172,19 @@ class ErrorBounds:
 
     def _linear(self, chain: Chain, step: Step, arrays: Bounds) -> None:
         """Unroll a step that adds and scales. Its sums have one order on every vector width."""
-        symbols = {
-            array.name: [ca.SX.sym("x") if bound != ZERO else ca.SX(0) for bound in arrays[array.name]]
-            for array in step.reads
-        }
-        shapes = {array.name: array.shape if len(array.shape) == 2 else (array.size,) for array in step.reads}
-        result = evaluate(chain, (step,), {name: as_operand(shapes[name], each) for name, each in symbols.items()})
-        inputs = [
-            (symbol, bound)
-            for name, entries in symbols.items()
-            for symbol, bound in zip(entries, arrays[name], strict=True)
-            if bound != ZERO
-        ]
-        stacked = ca.vertcat(*(symbol for symbol, _ in inputs)) if inputs else ca.SX(0, 1)
+        inputs, bounds = list[ca.SX](), list[Bound]()  # entries that are not always zero
+        operands: dict[str, ca.SX] = {}
+        for array in {array.name: array for array in step.reads}.values():  # each array once
+            symbols = [ca.SX.sym("x") if bound != ZERO else ca.SX(0) for bound in arrays[array.name]]
+            inputs += [symbol for symbol in symbols if symbol.is_symbolic()]
+            bounds += [bound for bound in arrays[array.name] if bound != ZERO]
+            operands[array.name] = as_operand(array.shape if len(array.shape) == 2 else (array.size,), symbols)
+        result = evaluate(chain, (step,), operands)
+        stacked = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
         for array in step.writes:
             entries = ca.densify(ca.vertcat(*result[array.name]))
             graph, numbers = build_graph(ca.Function("f", [stacked], [entries]))
-            arrays[array.name] = BoundAnalysis(graph, numbers, self.scalar).bounds([bound for _, bound in inputs])
+            arrays[array.name] = BoundAnalysis(graph, numbers, self.scalar).bounds(bounds)
 
     def _invoke(self, function: Function, item: Invoke, arrays: Bounds) -> None:
         """Analyse the internal function, unless the last call of it had the same bounds of the arguments."""
@@ -312,13 +308,10 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
             return [_largest(chain, k, ranges, scalar) for k in range(count)]
         if largest == "rates":
             limits = [coordinate.velocity for coordinate in chain.coordinates]
-            return [ranges.rate] * chain.base_coordinates + [v if math.isfinite(v) else ranges.rate for v in limits]
-        if largest == "reach":
-            return [reach] * count
-        if largest == "rotation":
-            return [scalar.rotation] * count
-        # The other words are fields of Ranges.
-        return [float(getattr(ranges, largest)) if isinstance(largest, str) else largest] * count
+            of_joints = [limit if math.isfinite(limit) else ranges.rate for limit in limits]
+            return [ranges.rate] * chain.base_coordinates + of_joints
+        of_all = {"reach": reach, "rotation": scalar.rotation} | vars(ranges) | {"coupling": ranges.coupling}
+        return [float(of_all[largest]) if isinstance(largest, str) else largest] * count
 
     if argument.blocks is None:
         return sizes(argument.largest, array.size)
