@@ -90,38 +90,61 @@ def _pulled_back(
 def _pushed_forward(
     function: Function, arguments: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
 ) -> tuple[jax.Array, ...]:
-    """Return the Jacobian-vector product, from the gradients of all entries of the results in one batch."""
+    """Return the Jacobian-vector product, from the gradients of all entries of the results in one batch.
+
+    The entries are a dimension before the leading ones. The change of an entry is the sum of its gradients times the
+    tangents.
+    """
     leading = function.leading([argument.shape for argument in arguments])
-    sizes = [math.prod(shape) for shape in function.results]
-    units = jnp.split(jnp.eye(sum(sizes)), list(itertools.accumulate(sizes))[:-1], axis=1)
-    cotangents = tuple(
-        unit.reshape((sum(sizes), *(1,) * len(leading), *shape))
-        for unit, shape in zip(units, function.results, strict=True)
-    )
+    cotangents = _unit_cotangents(function, len(leading))
+    entries = cotangents[0].shape[0]
     gradients = _gradients(function, tuple(argument[None] for argument in arguments), cotangents)
-    change = jnp.zeros((sum(sizes), *leading))
+    changes = jnp.zeros((entries, *leading))
     for gradient, tangent in zip(gradients, tangents, strict=True):
-        core = tuple(range(1 + len(leading), gradient.ndim))
-        change = change + (gradient * tangent[None]).sum(core)
-    parts = jnp.split(jnp.moveaxis(change, 0, -1), list(itertools.accumulate(sizes))[:-1], axis=-1)
-    return tuple(part.reshape((*leading, *shape)) for part, shape in zip(parts, function.results, strict=True))
+        products = gradient * tangent[None]  # (entries, *leading, *shape of the argument)
+        of_argument = tuple(range(1 + len(leading), products.ndim))
+        changes = changes + products.sum(of_argument)
+    per_result = _split(jnp.moveaxis(changes, 0, -1), [math.prod(shape) for shape in function.results], axis=-1)
+    return tuple(each.reshape((*leading, *shape)) for each, shape in zip(per_result, function.results, strict=True))
+
+
+def _unit_cotangents(function: Function, leading: int) -> tuple[jax.Array, ...]:
+    """Return a unit cotangent for each entry of the results, for arguments with a number of ``leading`` dimensions.
+
+    The array of each result has the shape (entries of all results, 1, ..., 1, *shape of the result).
+    """
+    sizes = [math.prod(shape) for shape in function.results]
+    units = _split(jnp.eye(sum(sizes)), sizes, axis=1)
+    ones = (1,) * leading
+    return tuple(unit.reshape((-1, *ones, *shape)) for unit, shape in zip(units, function.results, strict=True))
+
+
+def _split(array: jax.Array, sizes: list[int], axis: int) -> list[jax.Array]:
+    """Return parts of an array with these sizes along an axis."""
+    ends = list(itertools.accumulate(sizes))
+    return jnp.split(array, ends[:-1], axis=axis)
 
 
 def _flat(arrays: tuple[jax.Array, ...]) -> jax.Array:
+    """Return the entries of all arrays as one vector."""
     return jnp.concatenate([array.ravel() for array in arrays])
 
 
 def _like(arrays: tuple[jax.Array, ...], flat: jax.Array) -> tuple[jax.Array, ...]:
-    ends = list(itertools.accumulate(array.size for array in arrays))
-    parts = jnp.split(flat, ends[:-1])
+    """Return the entries of a vector as arrays with the shapes of others."""
+    parts = _split(flat, [array.size for array in arrays], axis=0)
     return tuple(part.reshape(array.shape) for part, array in zip(parts, arrays, strict=True))
 
 
 def _linear(push: Any, pull: Any, tangents: tuple[jax.Array, ...], results: tuple[jax.Array, ...]) -> Any:
     """Return ``push(tangents)``, whose transpose is ``pull``.
 
-    JAX has one public linear function with a transpose of its own that vmap accepts, the solution x of a square system:
-    here (tangents, 0) = (x_1, x_2 - push(x_1)), with flat vectors.
+    JAX has one public linear function with a transpose of its own that vmap accepts, the solution x of a square system.
+    With flat vectors t and c for tangents and changes of the results, the system and its solutions are
+
+        matrix           (t, c - push(t)) = (tangents, 0)        so that c = push(tangents)
+        its inverse      (t, c) -> (t, c + push(t))
+        its transpose's  (t, c) -> (t + pull(c), c)
     """
 
     def pushed(flat: jax.Array) -> jax.Array:
@@ -130,15 +153,22 @@ def _linear(push: Any, pull: Any, tangents: tuple[jax.Array, ...], results: tupl
     def pulled(flat: jax.Array) -> jax.Array:
         return _flat(pull(_like(results, flat)))
 
+    def matrix(x: Any) -> Any:
+        t, c = x
+        return t, c - pushed(t)
+
+    def inverse(_: Any, x: Any) -> Any:
+        t, c = x
+        return t, c + pushed(t)
+
+    def inverse_of_transpose(_: Any, x: Any) -> Any:
+        t, c = x
+        return t + pulled(c), c
+
     start = _flat(tangents)
     zeros = jnp.pad(start[:0], (0, sum(result.size for result in results)))  # linear in the tangents, as JAX demands
-    _, change = jax.lax.custom_linear_solve(
-        lambda x: (x[0], x[1] - pushed(x[0])),
-        (start, zeros),
-        lambda matvec, b: (b[0], b[1] + pushed(b[0])),
-        lambda vecmat, b: (b[0] + pulled(b[1]), b[1]),
-    )
-    return _like(results, change)
+    _, changes = jax.lax.custom_linear_solve(matrix, (start, zeros), inverse, inverse_of_transpose)
+    return _like(results, changes)
 
 
 def _differentiable(function: Function) -> Any:

@@ -74,7 +74,11 @@ def _traced(operator: Any, keep: Any, pulled_back: Any, pushed_forward: Any) -> 
 
 
 def _units(function: Function, sizes: list[int], leading: int) -> Tensors:
-    """Return a unit cotangent for each entry of the results, along a dimension before the leading ones."""
+    """Return a unit cotangent for each entry of the results, along a dimension before the leading ones.
+
+    The tensor of each result has the shape (entries of all results, 1, ..., 1, *shape of the result), with as many ones
+    as there are ``leading`` dimensions.
+    """
     units = torch.eye(sum(sizes), dtype=torch.float64).split(sizes, dim=1)
     return tuple(
         unit.reshape(sum(sizes), *(1,) * leading, *shape) for unit, shape in zip(units, function.results, strict=True)
@@ -117,8 +121,9 @@ def _differentiable(function: Function) -> Any:
         gradients = gradients_of(tuple(tensor.unsqueeze(0) for tensor in tensors), cotangents)
         for gradient, tangent in zip(gradients, tangents, strict=True):
             if tangent is not None:
-                products = gradient * tangent.unsqueeze(0)
-                change = change + products.reshape(*products.shape[: 1 + len(leading)], -1).sum(-1)  # numbers, too
+                products = gradient * tangent.unsqueeze(0)  # (entries, *leading, *shape of the argument)
+                # flat, since the entries of a number have no dimension to sum over
+                change = change + products.reshape(*products.shape[: 1 + len(leading)], -1).sum(-1)
         parts = change.movedim(0, -1).split(sizes, dim=-1)
         results = tuple(part.reshape((*leading, *shape)) for part, shape in zip(parts, function.results, strict=True))
         return results[0] if one else results
