@@ -130,10 +130,7 @@ def _steps(
         of_bounds = (single, kernels), robot, pool
         bounds.append(("certified bounds", lambda: rounding.check_folder(*of_bounds, texts()[MANIFEST])))
     steps: list[tuple[str, Comparison]] = [
-        (
-            "printing again",
-            lambda: [check_functions(robot), check_text(robot, texts(), other_version=other_version)],
-        ),
+        ("printing again", lambda: [check_functions(robot), check_text(robot, texts(), other_version=other_version)]),
         ("names and limits", lambda: [check_python_tables(robot)]),
         ("names and limits in C", lambda: check_c_tables(robot, libraries())),
         (

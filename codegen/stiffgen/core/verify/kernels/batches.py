@@ -50,25 +50,34 @@ def check_stacks(
         if kernel.packed:
             functions.append((kernel, PACKED, kernel.packed.results))
     for kernel, suffix, results in functions:
-        form = _form(kernel, results)
-        whole, call = (kernels[kernel.qualified_name + which] for which in ("", suffix))
-        reference = single[kernel.qualified_name]
+        form, name = _form(kernel, results), kernel.qualified_name
+        call, reference = kernels[name + suffix], single[name]
         stacks = [pool[argument][:LONG] for argument in kernel.arguments]
         faults = []
-        pairs = zip(as_results(call(*stacks)), form(whole(*stacks)), strict=True) if suffix else ()
-        if not all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
-            faults.append(f"other bits than {kernel.qualified_name} has")
+        if suffix:
+            pairs = zip(as_results(call(*stacks)), form(kernels[name](*stacks)), strict=True)
+            if not all(np.array_equal(packed, whole, equal_nan=True) for packed, whole in pairs):
+                faults.append(f"other bits than {name} has")
         faults += _layout_faults(call, stacks, form(reference(*stacks)))
-        for k, argument in enumerate(kernel.arguments):
-            given: list[Any] = list(stacks)
-            given[k] = stacks[k][3]  # one value, which broadcasts
-            shared = [stack if i != k else np.broadcast_to(stack[3], stack.shape) for i, stack in enumerate(stacks)]
-            found, expected = as_results(call(*given)), form(reference(*shared))
-            is_rounding = _Rounding(chain, kernel, form, shared, scalar_of(expected[0])).explains
-            if len(stacks) > 1 and not (_agree(found, expected) or is_rounding(found, expected)):
-                faults.append(f"{argument.name} shared")
-        checks.append(faultless(kernel.qualified_name + suffix, "stacks: lengths, order, sharing", faults))
+        if len(stacks) > 1:
+            faults += _sharing_faults(call, reference, chain, kernel, form, stacks)
+        checks.append(faultless(name + suffix, "stacks: lengths, order, sharing", faults))
     return checks
+
+
+def _sharing_faults(
+    call: Any, reference: Any, chain: Chain, kernel: Kernel, form: _Form, stacks: list[FloatArray]
+) -> list[str]:
+    """Return the arguments of which one value for all configurations gives other results than as many equal ones."""
+    faults = []
+    for k, argument in enumerate(kernel.arguments):
+        others_before, one, others_behind = stacks[:k], stacks[k][3], stacks[k + 1 :]  # 3: any configuration
+        spread = [*others_before, np.broadcast_to(one, stacks[k].shape), *others_behind]
+        found, expected = as_results(call(*others_before, one, *others_behind)), form(reference(*spread))
+        is_rounding = _Rounding(chain, kernel, form, spread, scalar_of(expected[0])).explains
+        if not (_agree(found, expected) or is_rounding(found, expected)):
+            faults.append(f"{argument.name} shared")
+    return faults
 
 
 def _layout_faults(call: Any, stacks: Sequence[FloatArray], expected: Sequence[FloatArray]) -> list[str]:

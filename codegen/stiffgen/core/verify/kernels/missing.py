@@ -34,17 +34,19 @@ def missing_functions(robot: GeneratedRobot) -> dict[str, Callable[..., Any]]:
 def function_of_stacks(chain: Chain, kernel: Kernel) -> Callable[..., Any]:
     """Return CasADi's function of a kernel, taking stacks of arguments."""
     function = casadi_function(chain, kernel)
-    folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]
+    folds = [folded(argument.array(chain).shape) for argument in kernel.arguments]  # shapes in CasADi
     shapes = [result.array(chain).shape for result in kernel.results]
 
+    def of_state(*values: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the results of one state in their shapes."""
+        inputs = (value.reshape(fold) for value, fold in zip(values, folds, strict=True))
+        results = zip(as_results(function(*inputs)), shapes, strict=True)
+        return tuple(np.asarray(result).reshape(shape) for result, shape in results)
+
     def call(*stacks: FloatArray) -> Any:
-        """Evaluate the CasADi function row by row and stack its results."""
-        rows = [
-            as_results(function(*(a.reshape(fold) for a, fold in zip(one, folds, strict=True))))
-            for one in zip(*stacks, strict=True)
-        ]
-        columns = zip(zip(*rows, strict=True), shapes, strict=True)
-        results = [np.stack([np.asarray(one).reshape(shape) for one in column]) for column, shape in columns]
-        return tuple(results) if len(results) > 1 else results[0]
+        """Evaluate the CasADi function state by state and stack its results."""
+        states = [of_state(*values) for values in zip(*stacks, strict=True)]
+        results = tuple(np.stack(of_result) for of_result in zip(*states, strict=True))
+        return results if len(results) > 1 else results[0]
 
     return call

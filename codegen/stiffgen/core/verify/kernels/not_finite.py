@@ -20,6 +20,7 @@ from stiffgen.core.verify.result import Check, Kernels, as_results, faultless
 STACK = 11
 """Configurations of a stack: more than one vector, but not a whole number of vectors."""
 _DEPENDS = 1e-9
+"""Change of a result, relative to the largest one or to 1, from which on it depends on an entry: beyond rounding."""
 LARGE = {"double": (1e155, 1e200, 1e306, 1.7e308), "float": (1e20, 1e28, 1e37, 3.3e38)}
 """Numbers that overflow in a product of two, in any product of two, in a sum of a hundred, in a sum of two."""
 
@@ -43,10 +44,9 @@ def check_not_finite(
 def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> list[str]:
     """Return the entries and values with a wrong effect, in a single call or in a stack.
 
-    An entry is replaced in place and restored. In the stack the configurations take turns, so that all lanes of a
-    vector are tried.
+    In the stack the configurations take turns, so that all lanes of a vector are tried.
     """
-    stacks = [pool[argument][:STACK].copy() for argument in kernel.arguments]
+    stacks = [pool[argument][:STACK] for argument in kernel.arguments]
     clean_stack = [np.array(each) for each in as_results(call(*stacks))]
     is_number = np.all([np.isfinite(each.reshape(len(each), -1)).all(axis=1) for each in clean_stack], axis=0)
     if not is_number.any():
@@ -54,25 +54,28 @@ def _faults(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray]) -> l
     sound = int(np.flatnonzero(is_number)[0])
     single = [np.array(stack[sound]) for stack in stacks]
     clean, faults, trials = _flat(call(*single)), [], 0
-    for argument, array, stack in zip(kernel.arguments, single, stacks, strict=True):
+    negligible = _DEPENDS * max(1.0, float(np.abs(clean).max()))
+    for k, (argument, array) in enumerate(zip(kernel.arguments, single, strict=True)):
         for index in np.ndindex(array.shape):
-            original = array[index]
-            array[index] = original + 0.1 * (1 + abs(original))  # which results depend on this entry?
-            depends = ~(np.abs(_flat(call(*single)) - clean) <= _DEPENDS * max(1.0, float(np.abs(clean).max())))
+            moved = array[index] + 0.1 * (1 + abs(array[index]))
+            depends = ~(np.abs(_flat(call(*_changed(single, k, index, moved))) - clean) <= negligible)
             for value in (np.nan, np.inf, -np.inf):
                 title = f"{value} in {argument.name}{list(index)}"
-                array[index] = value
-                if not _right(_flat(call(*single)), clean, depends):
+                if not _right(_flat(call(*_changed(single, k, index, value))), clean, depends):
                     faults.append(title)
                 trials += 1
-                place = (trials % STACK, *index)  # the next configuration of the stack
-                before = stack[place]
-                stack[place] = value
-                found = [np.array(each) for each in as_results(call(*stacks))]
-                stack[place] = before
-                faults += _faults_in_stack(found, clean_stack, place[0], depends, title)
-            array[index] = original
+                configuration = trials % STACK  # the next one of the stack
+                changed = _changed(stacks, k, (configuration, *index), value)
+                found = [np.array(each) for each in as_results(call(*changed))]
+                faults += _faults_in_stack(found, clean_stack, configuration, depends, title)
     return faults
+
+
+def _changed(arrays: Sequence[FloatArray], k: int, place: Any, value: Any) -> list[FloatArray]:
+    """Return the arrays with another value at a place of the k-th one."""
+    changed = arrays[k].copy()
+    changed[place] = value
+    return [*arrays[:k], changed, *arrays[k + 1 :]]
 
 
 def _faults_in_stack(
@@ -98,13 +101,12 @@ def _overflows(call: Any, kernel: Kernel, pool: Mapping[Argument, FloatArray], l
     faults = []
     for large in larges:
         all_large = [np.copysign(large, stack) for stack in stacks]
-        plans = [("everywhere", all_large)]
+        plans = [("everywhere", all_large)]  # titles, and the arguments of a call
         for k, (argument, stack) in enumerate(zip(kernel.arguments, stacks, strict=True)):
             plans.append((f"in {argument.name}", [*stacks[:k], all_large[k], *stacks[k + 1 :]]))
             for index in np.ndindex(stack.shape[1:]):
-                one_large = stack.copy()
-                one_large[(..., *index)] = all_large[k][(..., *index)]
-                plans.append((f"in {argument.name}{list(index)}", [*stacks[:k], one_large, *stacks[k + 1 :]]))
+                entry = (..., *index)  # of all configurations
+                plans.append((f"in {argument.name}{list(index)}", _changed(stacks, k, entry, all_large[k][entry])))
         for title, given in plans:
             single = [np.ravel(result) for each in zip(*given, strict=True) for result in as_results(call(*each))]
             if np.isinf(np.concatenate([_flat(call(*given)), *single])).any():

@@ -38,12 +38,8 @@ def _of_representation(rep: Representation) -> Oracles:
     return {
         f"{rep}_jacobian": (Oracle("differentiated pose", lambda r: r.jacobian[rep]),),
         f"{rep}_jacobian_transpose_derivative": (Oracle("differentiated Jacobian", lambda r: r.derivative[rep]),),
-        f"{rep}_kinematic_stiffness": (
-            Oracle("differentiated Jacobian . F", lambda r: r.kinematic_stiffness(rep)),
-        ),
-        f"{rep}_connection_correction": (
-            Oracle("cross-product matrices", lambda r: gamma_F(rep, r.samples[WRENCH])),
-        ),
+        f"{rep}_kinematic_stiffness": (Oracle("differentiated Jacobian . F", lambda r: r.kinematic_stiffness(rep)),),
+        f"{rep}_connection_correction": (Oracle("cross-product matrices", lambda r: gamma_F(rep, r.samples[WRENCH])),),
         f"{rep}_joint_stiffness": (Oracle(formula, partial(stiffness, corrected=True)),),
         f"{rep}_joint_stiffness_uncorrected": (Oracle(formula, partial(stiffness, corrected=False)),),
     }  # fmt: skip
@@ -53,7 +49,8 @@ def _turned_to_hybrid(r: References) -> tuple[FloatArray, FloatArray]:
     """Return wrench and covariant Hessian of the potential in hybrid axes."""
     wrench, covariant, _ = r.potential
     turn = _turns(r)
-    return np.einsum("sij,sj->si", turn, wrench).astype(float), (turn @ covariant @ _back(turn)).astype(float)
+    in_hybrid = np.einsum("sij,sj->si", turn, wrench), turn @ covariant @ _back(turn)
+    return in_hybrid[0].astype(float), in_hybrid[1].astype(float)
 
 
 def _turns(r: References) -> Any:
@@ -69,6 +66,12 @@ def _back(turn: Any) -> Any:
     return np.swapaxes(turn, 1, 2)
 
 
+def _in_body_axes(r: References) -> tuple[FloatArray, FloatArray]:
+    """Return wrench and covariant Hessian of the potential in body axes."""
+    wrench, covariant, _ = r.potential
+    return wrench.astype(float), covariant.astype(float)
+
+
 def _of_potential(loads: Any) -> Oracle:
     return Oracle("Hessian of a potential", lambda r: r.potential[2], loads=loads, rounded="arguments")
 
@@ -78,9 +81,7 @@ ORACLES: Oracles = {
     **{name: oracles for rep in REPRESENTATIONS for name, oracles in _of_representation(rep).items()},
 }
 """Oracles of the core's kernels by group and name; families have those of their own (:func:`oracles_of`)."""
-ORACLES["body_joint_stiffness"] += (
-    _of_potential(lambda r: (r.potential[0].astype(float), r.potential[1].astype(float))),
-)
+ORACLES["body_joint_stiffness"] += (_of_potential(_in_body_axes),)
 ORACLES["hybrid_joint_stiffness"] += (_of_potential(_turned_to_hybrid),)
 
 
@@ -121,15 +122,14 @@ def check_oracles(table: Iterable[Kernel], options: KernelOptions | None = None)
     (:mod:`stiffgen.families.loops.oracles`).
     """
     known, kernels = oracles_of(options), tuple(table)
-    names = {(kernel.path, kernel.name) for kernel in kernels}
-    return [
-        Check(
-            kernel.qualified_name, NO_ORACLE, math.inf, 0.0,
-            f'write ORACLES["{kernel.function}"] in the family\'s oracles.py, from a source that shares no code',
-        )
-        for kernel in kernels
-        if not _found(known, kernel) and kernel.name != "close" and (kernel.path, kernel.product_of) not in names
-    ]  # fmt: skip
+    names, checks = {(kernel.path, kernel.name) for kernel in kernels}, list[Check]()
+    for kernel in kernels:
+        is_product = (kernel.path, kernel.product_of) in names
+        if not (_found(known, kernel) or is_product or kernel.name == "close"):
+            place = f'write ORACLES["{kernel.function}"] in the family\'s oracles.py'
+            remedy = f"{place}, from a source that shares no code"
+            checks.append(Check(kernel.qualified_name, NO_ORACLE, math.inf, 0.0, remedy))
+    return checks
 
 
 def check_robot(
@@ -173,9 +173,10 @@ def _check_body_form(kernels: Kernels, chain: Chain, body: Kernel, at: Reference
     """Compare the hybrid joint stiffness with the body one at turned wrench and stiffness; each has its rounding."""
     functions = chain_kernels(chain)
     hybrid = next(each for each in functions if each.function == "hybrid_joint_stiffness" and each.tip == body.tip)
-    turn, wrench = _turns(at), at.samples[WRENCH]
-    loads = np.einsum("sji,sj->si", turn, wrench), _back(turn) @ at.samples[TASK_STIFFNESS] @ turn  # in body axes
-    body_arguments = *at.posture_of("body"), *(each.astype(float) for each in loads)
+    turn = _turns(at)  # from body to hybrid axes
+    wrench_in_body = np.einsum("sji,sj->si", turn, at.samples[WRENCH])
+    stiffness_in_body = _back(turn) @ at.samples[TASK_STIFFNESS] @ turn
+    body_arguments = *at.posture_of("body"), wrench_in_body.astype(float), stiffness_in_body.astype(float)
     in_body = KernelCall(kernels, chain, body, body_arguments, "arguments")
     in_hybrid = KernelCall(kernels, chain, hybrid, at.samples.of(hybrid.arguments), "arguments")
 

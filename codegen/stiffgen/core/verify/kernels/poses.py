@@ -78,10 +78,13 @@ def _inverse(pose: ca.SX) -> ca.SX:
 
 
 def jacobian_of(pose: ca.SX, q: ca.SX, representation: Representation) -> ca.SX:
-    """Return the Jacobian by differentiation of the pose H: twists of H^-1 dH (body) or dH H^-1 (spatial)."""
+    """Return the Jacobian by differentiation of the pose H: twists of H^-1 dH (body) or dH H^-1 (spatial).
+
+    A hybrid column is the rate of the tip's origin, and the angular velocity of the body column in base axes.
+    """
     columns = []
     for k in range(q.shape[0]):
-        rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))
+        rate = ca.jacobian(ca.vec(pose), q[k]).reshape((4, 4))  # dH/dq_k
         body = _vee(_inverse(pose) @ rate)
         if representation == "body":
             columns.append(body)
@@ -123,8 +126,11 @@ class MovedConfiguration:
 
 
 def gamma_F(representation: Representation, wrench: FloatArray) -> FloatArray:
-    """Return Gamma F in cross-product matrices (facts of the paper's appendix), for a stack of wrenches."""
-    force, moment = (_cross_matrices(wrench[..., part]) for part in (slice(0, 3), slice(3, 6)))
+    """Return Gamma F (..., 6, 6) in cross-product matrices (facts of the paper's appendix), for a stack of wrenches.
+
+    Hybrid: [0, 0; 0, [m]^T/2], docs/theory.md (4). Body: [0, [f]; 0, [m]/2]. Spatial: the transpose of the body's.
+    """
+    force, moment = _cross_matrices(wrench[..., :3]), _cross_matrices(wrench[..., 3:])
     result = np.zeros((*wrench.shape[:-1], 6, 6))
     if representation == "hybrid":
         result[..., 3:, 3:] = np.swapaxes(moment, -1, -2) / 2

@@ -116,15 +116,16 @@ class References:
 
     @cached_property
     def derivative(self) -> dict[str, FloatArray]:
-        """Derivative dJ^T/dq in each representation."""
+        """Derivative dJ^T/dq in each representation: entry [state, i, b, k] is dJ[k, b]/dq_i."""
         derivatives, n = {}, self.chain.dof
         for rep, jacobian in self.jacobian_expressions.items():
-            # vec() stacks columns: row b*6 + k of the derivative is J[k, b].
-            derivative = self.evaluate(ca.jacobian(ca.vec(jacobian), self.place.coordinates))
+            # ca.vec stacks columns: entry [state, 6 b + k, i] is dJ[k, b]/dq_i.
+            stacked = self.evaluate(ca.jacobian(ca.vec(jacobian), self.place.coordinates))
             # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
             rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[rep]).max(axis=(1, 2))
-            derivative[np.abs(derivative).max(axis=(1, 2)) <= rounding] = 0.0
-            derivatives[rep] = derivative.reshape(-1, n, 6, n).transpose(0, 3, 1, 2)
+            stacked[np.abs(stacked).max(axis=(1, 2)) <= rounding] = 0.0
+            by_column = stacked.reshape(-1, n, 6, n)  # [state, b, k, i]
+            derivatives[rep] = by_column.transpose(0, 3, 1, 2)
         return derivatives
 
     def evaluate(
@@ -132,60 +133,67 @@ class References:
     ) -> FloatArray:
         """Return the values of an expression of the configuration and further symbols, in the longest numbers."""
         place = self.place
-        there = ca.substitute(expression, place.moves, ca.DM.zeros(place.moves.shape[0]))
+        in_place = ca.substitute(expression, place.moves, ca.DM.zeros(place.moves.shape[0]))  # the base has not moved
         of_place = [as_columns(each) for each in self.samples.of((Q, BASE_POSE, TOOL_POSE))]
-        return evaluate_longer([place.q, place.base_pose, self._tool, *symbols], there, [*of_place, *columns])
+        return evaluate_longer([place.q, place.base_pose, self._tool, *symbols], in_place, [*of_place, *columns])
 
     @cached_property
     def potential(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Wrench F = dU, covariant Hessian K, joint Hessian of a potential of position and orientation."""
-        random = np.random.default_rng(self.seed + 1)
-        pose = self.pose_expression
-        stiff = random.normal(size=(3, 3)) * 100
-        stiff, centre = stiff @ stiff.T / 100, random.normal(size=3)
-        turning, mixed = random.normal(size=(3, 3)) * 30, random.normal(size=(3, 9)) * 20
-
-        def potential(position: ca.SX, rotation: ca.SX) -> ca.SX:
-            away = position - centre
-            linear = ca.dot(ca.DM(turning), rotation)
-            return away.T @ ca.DM(stiff) @ away / 2 + linear + away.T @ ca.DM(mixed) @ ca.vec(rotation)
-
-        x = ca.SX.sym("x", 6)
-        turn = ca.skew(x[3:])
-        position, rotation = pose[:3, 3], pose[:3, :3]
-        # exp([w]) to second order: its first two derivatives at zero are exact.
-        moved = potential(position + rotation @ x[:3], rotation @ (ca.DM.eye(3) + turn + turn @ turn / 2))
-        hessian, gradient = ca.hessian(moved, x)
-        wrench, covariant = (ca.substitute(e, x, ca.DM.zeros(6)) for e in (gradient, hessian))
-        joint_hessian, _ = ca.hessian(potential(position, rotation), self.place.coordinates)
+        """Wrench F = dU and covariant Hessian K in body axes, and joint Hessian, of a random potential U(p, R)."""
+        U = random_potential(np.random.default_rng(self.seed + 1))
+        p, R = self.pose_expression[:3, 3], self.pose_expression[:3, :3]
+        # docs/theory.md (5) in body axes: the first two derivatives of U(p + R v, R exp([w])) at the twist (v, w) = 0.
+        # I + [w] + [w]^2/2 has the same ones as exp([w]).
+        twist = ca.SX.sym("x", 6)
+        v, w_cross = twist[:3], ca.skew(twist[3:])
+        moved = U(p + R @ v, R @ (ca.DM.eye(3) + w_cross + w_cross @ w_cross / 2))
+        covariant, wrench = (ca.substitute(each, twist, ca.DM.zeros(6)) for each in ca.hessian(moved, twist))
+        joint_hessian, _ = ca.hessian(U(p, R), self.place.coordinates)
         return self.evaluate(wrench)[..., 0], self.evaluate(covariant), self.evaluate(joint_hessian)
 
     def kinematic_stiffness(self, representation: Representation, wrench: FloatArray | None = None) -> FloatArray:
         """Return the kinematic stiffness: column i is dJ^T/dq_i F."""
         load = self.samples[WRENCH] if wrench is None else wrench
-        contracted: FloatArray = np.einsum("sibk,sk->sbi", self.derivative[representation], load)
+        derivative = self.derivative[representation]  # [state s, coordinate i, column b, row k]
+        contracted: FloatArray = np.einsum("sibk,sk->sbi", derivative, load)
         return contracted
 
     def joint_stiffness(
         self, representation: Representation, *, corrected: bool, wrench: FloatArray | None = None
     ) -> FloatArray:
-        """Return the joint stiffness by the formula, term by term; of another ``wrench`` than the samples'."""
-        J, transposed = self.jacobian[representation], np.swapaxes(self.jacobian[representation], 1, 2)
-        if corrected:
-            load = load_stiffness(self, representation, wrench)
-            return load + transposed @ symmetric(self.samples[TASK_STIFFNESS]) @ J
-        return self.kinematic_stiffness(representation, wrench) + transposed @ self.samples[GENERAL_STIFFNESS] @ J
+        """Return the joint stiffness, docs/theory.md (3) or without the correction (2), term by term.
+
+        A ``wrench`` takes the place of the samples' one.
+        """
+        J = self.jacobian[representation]
+        J_T = np.swapaxes(J, 1, 2)
+        if not corrected:
+            return self.kinematic_stiffness(representation, wrench) + J_T @ self.samples[GENERAL_STIFFNESS] @ J
+        return load_stiffness(self, representation, wrench) + J_T @ symmetric(self.samples[TASK_STIFFNESS]) @ J
 
 
 def load_stiffness(r: References, representation: Representation, wrench: FloatArray | None = None) -> FloatArray:
-    """Return the joint stiffness without task stiffness: that of the wrench alone."""
-    J, load = r.jacobian[representation], r.samples[WRENCH] if wrench is None else wrench
-    matrix = gamma_F(representation, load)
-    stiffness: FloatArray = r.kinematic_stiffness(representation, load) + np.swapaxes(J, 1, 2) @ matrix @ J
-    if r.chain.floating:
-        on_base = np.einsum("ski,sk->si", J[:, :, :6], load)
-        stiffness[:, :6, :6] -= gamma_F("body", on_base)
+    """Return the joint stiffness of the wrench alone, without task stiffness: dJ^T/dq . F + J^T (Gamma F) J."""
+    J, F = r.jacobian[representation], r.samples[WRENCH] if wrench is None else wrench
+    J_T = np.swapaxes(J, 1, 2)
+    stiffness: FloatArray = r.kinematic_stiffness(representation, F) + J_T @ gamma_F(representation, F) @ J
+    if r.chain.floating:  # less the connection of the base's own twist, whose gradient is J_base^T F
+        base_force = np.einsum("ski,sk->si", J[:, :, :6], F)
+        stiffness[:, :6, :6] -= gamma_F("body", base_force)
     return stiffness
+
+
+def random_potential(random: np.random.Generator) -> Callable[[ca.SX, ca.SX], ca.SX]:
+    """Return U(p, R) = (p - c)^T S (p - c)/2 + T . R + (p - c)^T M vec(R), whose derivatives have all couplings."""
+    root = random.normal(size=(3, 3)) * 100
+    stiffness, centre = root @ root.T / 100, random.normal(size=3)
+    turning, mixed = random.normal(size=(3, 3)) * 30, random.normal(size=(3, 9)) * 20
+
+    def potential(p: ca.SX, R: ca.SX) -> ca.SX:
+        away = p - centre
+        return away.T @ ca.DM(stiffness) @ away / 2 + ca.dot(ca.DM(turning), R) + away.T @ ca.DM(mixed) @ ca.vec(R)
+
+    return potential
 
 
 def as_columns(stack: FloatArray) -> FloatArray:

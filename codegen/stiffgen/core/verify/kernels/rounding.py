@@ -127,13 +127,13 @@ def rounding_errors(
             )
     except KeyError:
         return None
-    return [
-        scalar.unit
-        * np.stack([error for _, error in entries], axis=1)
-        .reshape(count, *function.size_out(k)[::-1])
-        .transpose(0, 2, 1)
-        for k, entries in enumerate(results)
-    ]
+    errors = (np.stack([error for _, error in entries], axis=1) for entries in results)  # (states, entries)
+    return [scalar.unit * _matrices(each, *function.size_out(k)) for k, each in enumerate(errors)]
+
+
+def _matrices(entries: FloatArray, rows: int, columns: int) -> FloatArray:
+    """Return matrices (states, rows, columns) of which ``entries`` (states, entries) has the columns, stacked."""
+    return entries.reshape(len(entries), columns, rows).transpose(0, 2, 1)
 
 
 def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> tuple[Kernel, Sequence[FloatArray]]:
@@ -155,13 +155,11 @@ def _last_step(chain: Chain, kernel: Kernel, stacks: Sequence[FloatArray]) -> tu
 def entries_of_stacks(function: ca.Function, stacks: Sequence[FloatArray]) -> list[FloatArray]:
     """Return the entries of stacks of arguments in CasADi's order: (states, entries), a matrix column by column."""
     count = len(stacks[0])
-    return [
-        np.asarray(stack, dtype=float)
-        .reshape(count, -1, *function.size_in(k)[1:])
-        .transpose(0, 2, 1)
-        .reshape(count, -1)
-        for k, stack in enumerate(stacks)
-    ]
+    entries = []
+    for k, stack in enumerate(stacks):
+        matrices = np.asarray(stack, dtype=float).reshape(count, *function.size_in(k))  # (states, rows, columns)
+        entries.append(matrices.transpose(0, 2, 1).reshape(count, -1))
+    return entries
 
 
 @dataclass(frozen=True)
@@ -188,26 +186,28 @@ class Stages:
         numbers = [entry for own in entries for entry in own]
         functions: list[ca.Function] = []
 
-        def replaced(written: list[ca.SX]) -> list[ca.SX]:
-            """Close a stage: later ones read what a step has written as numbers, but for copies and 0, 1 and -1."""
-            new = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
-            if not new:
+        def close_stage(written: list[ca.SX]) -> list[ca.SX]:
+            """Return what a step has written with a new symbol, a number for later stages, for each computed entry.
+
+            Copies, and 0, 1 and -1 stay as they are.
+            """
+            computed = [k for k, entry in enumerate(written) if not (entry.is_symbolic() or _is_plain(entry))]
+            if not computed:
                 return written
-            stacked = ca.densify(ca.vertcat(*(written[k] for k in new)))
+            stacked = ca.densify(ca.vertcat(*(written[k] for k in computed)))
             functions.append(ca.Function("step", [ca.vertcat(*numbers)], [stacked]))
             readable = list(written)
-            for k in new:
+            for k in computed:
                 readable[k] = ca.SX.sym("x")
                 numbers.append(readable[k])
             return readable
 
         arguments = {a.name: as_operand(folded(a.shape), each) for a, each in zip(arrays, entries, strict=True)}
-        values = evaluate(kernel.scope(chain), kernel.steps(chain), arguments, replaced)
-        places = {number.element_hash(): k for k, number in enumerate(numbers)}
+        values = evaluate(kernel.scope(chain), kernel.steps(chain), arguments, close_stage)
+        place_of = {number.element_hash(): k for k, number in enumerate(numbers)}
         results = [entry for each in kernel.results for entry in values[each.array(chain).name]]
-        return Stages(
-            tuple(functions), tuple(places.get(e.element_hash(), 0) if e.is_symbolic() else float(e) for e in results)
-        )
+        places = (place_of.get(e.element_hash(), 0) if e.is_symbolic() else float(e) for e in results)
+        return Stages(tuple(functions), tuple(places))
 
     def run(
         self, arguments: Sequence[Any], constant: Callable[[float], Any], operations: Mapping[int, Any]
@@ -302,28 +302,24 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
         the rounding of its entry, as the largest difference from the values in doubles shows it, is 0.
 
     """
-    count, (rows, width) = columns[0].shape[1], expression.shape
-    columns = [*columns, np.ones((1, count))]
+    count = columns[0].shape[1]
+    inputs = np.concatenate([*columns, np.ones((1, count))])  # (entries, states)
     function = ca.Function("f", [ca.vertcat(*symbols, ONE)], [ca.vec(ca.densify(expression))], {"cse": True})
+
+    def evaluated(number: type[np.floating[Any]]) -> FloatArray:
+        """Return the entries (entries, states) in an arithmetic of NumPy."""
+        constant = partial(np.full, count, dtype=number)
+        return np.stack(run(function, [list(inputs.astype(number))], constant, OPERATIONS)[0])
+
     try:
         with np.errstate(all="ignore"):  # in branches that are not selected
-            entries, shorter = (
-                np.stack(
-                    run(
-                        function,
-                        [[row.astype(number) for each in columns for row in each]],
-                        partial(np.full, count, dtype=number),
-                        OPERATIONS,
-                    )[0]
-                )
-                for number in (np.longdouble, np.float64)
-            )
-            lost = np.nanmax(np.abs(entries - shorter), axis=1, initial=0.0, keepdims=True)
+            entries, in_doubles_only = evaluated(np.longdouble), evaluated(np.float64)
+            lost = np.nanmax(np.abs(entries - in_doubles_only), axis=1, initial=0.0, keepdims=True)
             rounding = np.finfo(np.longdouble).eps / np.finfo(np.float64).eps * lost
             entries = np.where(np.abs(entries) <= 16 * rounding, 0, entries)
     except KeyError:
-        entries = np.asarray(function.map(count)(np.concatenate(columns)))
-    return np.ascontiguousarray(entries.reshape(width, rows, count).transpose(2, 1, 0))
+        entries = np.asarray(function.map(count)(inputs))
+    return np.ascontiguousarray(_matrices(entries.T, *expression.shape))
 
 
 def beyond_rounding(difference: FloatArray, errors: FloatArray) -> FloatArray:

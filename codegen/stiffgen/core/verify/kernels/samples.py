@@ -67,8 +67,8 @@ def argument_samples(
 
 def asymmetric(matrices: FloatArray) -> FloatArray:
     """Return matrices with these symmetric parts, up to rounding, of which no entry equals its mirror image."""
-    skew = np.triu(1.0 + np.abs(matrices), 1) / 2
-    return np.asarray(matrices + skew - np.swapaxes(skew, -1, -2))
+    half_gap = np.triu(1.0 + np.abs(matrices), 1) / 2  # above the diagonal; below it the matrix loses as much
+    return np.asarray(matrices + half_gap - np.swapaxes(half_gap, -1, -2))
 
 
 def symmetric(matrices: FloatArray) -> FloatArray:
