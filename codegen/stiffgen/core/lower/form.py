@@ -244,21 +244,22 @@ def make_body(
     # The graph's outputs are those of the body, then the named values of all sections, in order.
     results, of_named = numbers[: len(outputs)], numbers[len(outputs) :]
     known = [*zip(results, kinds, strict=False), *zip(of_named, (kind for *_, kind in named), strict=True)]
-    rest = iter(of_named)
+    lowered_sections, start = list[LoweredSection](), 0
+    for title, members, only_shared in sections:
+        own = zip(members, of_named[start : start + len(members)], strict=True)
+        lowered_sections.append(LoweredSection(title, tuple((name, number) for (name, *_), number in own), only_shared))
+        start += len(members)
     return Body(
-        graph,
-        tuple(access for _, access in inputs),
-        tuple(Output(places, number) for (places, _), number in zip(outputs, results, strict=True)),
-        tuple(
-            LoweredSection(title, tuple((name, next(rest)) for name, *_ in members), only)
-            for title, members, only in sections
-        ),
-        tuple((number, kind) for number, kind in known if kind is not Kind.NUMBER),
-        heading,
-        define,
-        wide_outputs,
-        accumulate,
-        poison if graph.chooses(results) else "",
+        graph=graph,
+        inputs=tuple(access for _, access in inputs),
+        outputs=tuple(Output(places, number) for (places, _), number in zip(outputs, results, strict=True)),
+        sections=tuple(lowered_sections),
+        kinds=tuple((number, kind) for number, kind in known if kind is not Kind.NUMBER),
+        heading=heading,
+        define=define,
+        wide_outputs=wide_outputs,
+        accumulate=accumulate,
+        poison=poison if graph.chooses(results) else "",
     )
 
 

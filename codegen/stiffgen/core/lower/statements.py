@@ -80,7 +80,7 @@ def _symbols(storage: Storage, *, is_argument: bool) -> tuple[set[int], list[ca.
     zeros = set() if is_argument else storage.known_zeros()
     symbols = [ca.SX(0) if k in zeros else ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
     if is_argument and array.symmetric_part:
-        uppers = [_upper_of_stack(k, array.shape[-1]) for k in range(array.size)]
+        uppers = [upper_of_stack(k, array.shape[-1]) for k in range(array.size)]
         symbols = [symbols[upper] for upper in uppers]
         zeros = {k for k, upper in enumerate(uppers) if upper != k}
     return zeros, symbols
@@ -180,7 +180,7 @@ def upper_entry(k: int, n: int) -> int:
     return min(row, column) * n + max(row, column)
 
 
-def _upper_of_stack(k: int, n: int) -> int:
+def upper_of_stack(k: int, n: int) -> int:
     """Return :func:`upper_entry` of an entry of a stack of symmetric n x n matrices."""
     return k - k % n**2 + upper_entry(k % n**2, n)
 

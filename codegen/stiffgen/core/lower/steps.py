@@ -38,7 +38,7 @@ from stiffgen.core.lower.form import (
 )
 from stiffgen.core.lower.graph import Operations
 from stiffgen.core.lower.lowering import LoweredKernels, Lowering, Rules
-from stiffgen.core.lower.statements import named_sections, statements, upper_entry
+from stiffgen.core.lower.statements import named_sections, statements, upper_entry, upper_of_stack
 from stiffgen.core.lower.variant import Variant
 from stiffgen.core.robot.chain import Chain
 from stiffgen.core.symbolic.kinematics import Section
@@ -62,20 +62,9 @@ _TOGETHER = "joints that move together share a coordinate"
 def _straight_line(f: Lowering, step: StraightLine) -> None:
     """Append the statements, or a call of the function that they become where kernels share them.
 
-    Columns of joints are filled in vectors. Where they are a result, a local array "J" takes them first, and their
-    numbers are copied.
+    Where columns of joints are a result, the numbers of the local vectors are copied to it.
     """
-    outputs = []
-    for number, array in enumerate(step.outputs):
-        storage = f.storage(array)
-        if number < step.columns:
-            if storage.is_result and f.variant.joint_lanes:
-                storage = f.storage(Array("J", array.shape))
-            if not storage.is_result:
-                f.declare(storage, "j")
-        elif not storage.is_result:
-            f.declare_flat(storage)
-        outputs.append(storage)
+    outputs = [_declared(f, array, is_column=number < step.columns) for number, array in enumerate(step.outputs)]
     if step.name:
         function = _shared_statements(f, step)
         f.add(Invoke(function, tuple(map(f.storage, step.arguments)), tuple(outputs), step.outputs))
@@ -86,6 +75,18 @@ def _straight_line(f: Lowering, step: StraightLine) -> None:
         if storage.array != array:
             vectors, result = Pointer(storage, plain=True), Pointer(f.storage(array))
             f.call("copy_rows", vectors, Count.ALLOCATED_NUMBERS, array.shape[0], result)
+
+
+def _declared(f: Lowering, array: Array, *, is_column: bool) -> Storage:
+    """Return the storage that statements fill for an output: a result itself, or a local, which is declared here."""
+    storage = f.storage(array)
+    if is_column and storage.is_result and f.variant.joint_lanes:
+        storage = f.storage(Array("J", array.shape))  # vectors, which a result is not
+    if is_column and not storage.is_result:
+        f.declare(storage, "j")
+    elif not storage.is_result:
+        f.declare_flat(storage)
+    return storage
 
 
 def _congruence(f: Lowering, step: Congruence) -> None:
@@ -102,8 +103,9 @@ def _congruence(f: Lowering, step: Congruence) -> None:
     in_vectors = J.layout is Layout.LANES  # rows of J are padded to whole vectors
     stride = Count.ALLOCATED_NUMBERS if in_vectors else n
     arguments = Pointer(J, plain=in_vectors), stride, rows, Pointer(f.storage(factors)), n, Pointer(output)
-    multiplied = n * (n + 1) // 2 * rows + rows * (rows + 1) // 2 * n
-    cost = Operations(add=multiplied - n * rows, multiply=multiplied)
+    # Per row of J: products with the entries of L below the diagonal, and with D^-1. Per pair of rows: n products.
+    with_factors, with_rows = n * (n + 1) // 2 * rows, rows * (rows + 1) // 2 * n
+    cost = Operations(add=with_factors - n * rows + with_rows, multiply=with_factors + with_rows)
     calls = Call("congruence", arguments), Call("mirror_lower", (Pointer(output), rows))
     f.add(Helpers(calls, step.heading, step, cost))
 
@@ -139,11 +141,13 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
         named.extend(sections(*values))
         return step.expression(*values)
 
-    lanes, over, out = f.variant.joint_lanes, step.over, step.output
-    storage, form = f.storage(out.array), _form(step, lanes=lanes)
+    over, out = step.over, step.output
+    storage, form = f.storage(out.array), _form(step, lanes=f.variant.joint_lanes)
     fills_rows, to_row = form is LoopForm.ROWS, form in (LoopForm.ROWS, LoopForm.VECTOR)
-    inputs, values = f.apply(step.operands, expression, rows=fills_rows or over.is_rows)
-    if _all_are_zero(storage, out, values):
+    by_vectors = fills_rows or over.is_rows  # the loop takes all lanes of a vector of joints j at once
+    inputs, values = f.apply(step.operands, expression, rows=by_vectors)
+    _note_zeros(storage, out, values)
+    if len(storage.zeros) == len(values):  # nothing is left to store
         return
     if not storage.is_result:
         f.declare(storage, out.at if len(out.array.shape) > 1 else "")
@@ -152,7 +156,7 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
         for k, value in enumerate(values)
         if k not in storage.zeros
     ]
-    body = make_body(inputs, outputs, named_sections(named), wide_outputs=fills_rows or over.is_rows or not lanes)
+    body = make_body(inputs, outputs, named_sections(named), wide_outputs=by_vectors or not f.variant.joint_lanes)
     is_first = fills_rows and not storage.filled  # a later loop must keep what earlier ones stored in a row
     storage.filled |= fills_rows
     if not to_row:
@@ -160,14 +164,15 @@ def _map(f: Lowering, step: Map, sections: Callable[..., tuple[Section, ...]] = 
     f.add(Loop(step.comment, form, over, storage, out, body, step.mirror, is_first))
 
 
-def _all_are_zero(storage: Storage, out: Operand, values: Sequence[ca.SX]) -> bool:
-    """Note the entries, or rows of all joints, that are always zero and neither stored nor read; return if all are."""
+def _note_zeros(storage: Storage, out: Operand, values: Sequence[ca.SX]) -> None:
+    """Note the entries, or rows of all joints, that are always zero: these are neither stored nor read.
+
+    Results and arrays that are read whole or by joints have all entries stored.
+    """
     is_column = out.at == "j"
-    if storage.is_result or storage.whole or not (is_column or (out.at == "" and not storage.by_joints)):
-        return False
-    storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
-    storage.zero_rows = is_column and len(out.array.shape) == 2
-    return len(storage.zeros) == len(values)
+    if not (storage.is_result or storage.whole) and (is_column or (out.at == "" and not storage.by_joints)):
+        storage.zeros = {k for k, value in enumerate(values) if value.is_zero()}
+        storage.zero_rows = is_column and len(out.array.shape) == 2
 
 
 def _form(step: Map, *, lanes: bool) -> LoopForm:
@@ -193,20 +198,20 @@ def _sparse_sum(f: Lowering, step: SparseSum) -> None:
         _map(f, step.whole(), lambda _, *values: step.sections(*values))
         return
     of_pairs = _is_filled_by_pairs(start)
-    is_elsewhere = start is not None and not of_pairs and not output.is_result
-    if not output.is_result and not is_elsewhere:
+    is_stored = start is None or of_pairs or output.is_result
+    if is_stored and not output.is_result:
         f.declare(output, "ij" if of_pairs else "")
     elif of_pairs:
         f.note_overflow([step.output], f.function.inputs)
     inputs, values = _read_whole(f, step.reads)
     operands = values[len(step.reads) - len(step.operands) :]  # those behind the start
     changes = [k for k, value in enumerate(entries_of(step.expression(*operands))) if not value.is_zero()]
-    if is_elsewhere:
+    if not is_stored:
         output.elsewhere = _entries_elsewhere(f, step, changes)
     outputs = _stores(step, output, changes, entries_of(step.whole().expression(*values)))
-    defined, wide = len(changes) if is_elsewhere else 0, not f.variant.joint_lanes
+    defined, wide = 0 if is_stored else len(changes), not f.variant.joint_lanes
     body = make_body(inputs, outputs, named_sections(step.sections(*operands)), define=defined, wide_outputs=wide)
-    f.add(SparseChange(step.comment, output, start, body, copies=start is not None and not is_elsewhere))
+    f.add(SparseChange(step.comment, output, start, body, copies=start is not None and is_stored))
 
 
 def _read_whole(f: Lowering, arrays: Sequence[Array]) -> tuple[list[tuple[ca.SX, Access]], list[ca.SX]]:
@@ -261,11 +266,10 @@ def _symmetric_part(f: Lowering, step: SymmetricPart) -> None:
     f.function.declare(Declaration(Declared.ARRAY, storage.local, Layout.SHAPED))
     symbols = [ca.SX.sym(f"{array.name}{k}") for k in range(array.size)]
     inputs = [(symbol, Access(storage, operand, k, as_passed=True)) for k, symbol in enumerate(symbols)]
-    size = array.shape[-1] ** 2
     outputs: list[tuple[tuple[Entry, ...], ca.SX]] = [
         ((Access(storage, operand, k),), value)
         for k, value in enumerate(symmetric_entries(array, symbols))
-        if k % size == upper_entry(k % size, array.shape[-1])
+        if k == upper_of_stack(k, array.shape[-1])
     ]
     comment = f"symmetric part of {array.name}: its upper triangle" + "s" * (len(array.shape) > 2)
     f.add(Loop(comment, LoopForm.ONCE, Over.ONCE, storage, operand, make_body(inputs, outputs)))
@@ -280,22 +284,22 @@ def _sum_joints(f: Lowering, step: SumJoints) -> None:
         f.declare(output, "")
     if not step.spread:
         f.note_overflow([step.output], f.function.inputs)
-    rest = Count.JOINTS, *_COORDINATES, Pointer(output)
-    joints_size = (step.output if step.spread else step.source).size
-    depth = joints_size // (m * m)  # numbers per pair, where two indices run over joints
-    cost = Operations(add=0 if step.spread else joints_size, multiply=joints_size + (m * m if step.of_pairs else 0))
+    size = (step.output if step.spread else step.source).size  # of the array over joints
+    per_joint, per_pair = size // m, size // (m * m)
+    multipliers = m * m if step.of_pairs else 0  # products of the multipliers of two joints
+    cost = Operations(add=0 if step.spread else size, multiply=size + multipliers)
+    to_output = Count.JOINTS, *_COORDINATES, Pointer(output)
     if step.spread and step.of_pairs:
-        calls = [Call("spread_pairs", (Pointer(source), depth, *rest))]
+        calls = [Call("spread_pairs", (Pointer(source), per_pair, *to_output))]
     elif step.spread:
-        calls = [Call("spread_columns", (joints_size // m, Pointer(source), *rest))]
+        calls = [Call("spread_columns", (per_joint, Pointer(source), *to_output))]
     elif step.of_pairs:
-        calls = [Call("sum_pairs", (Pointer(source), depth, *rest))]
+        calls = [Call("sum_pairs", (Pointer(source), per_pair, *to_output))]
         calls += [Call("mirror_upper", (Pointer(output), Count.COORDINATES))] if step.mirror else []
     else:
         in_vectors = source.layout is Layout.LANES
         stride = Count.ALLOCATED_NUMBERS if in_vectors else Count.JOINTS
-        rows = 1 if len(step.source.shape) == 1 else step.source.shape[0]
-        calls = [Call("sum_columns", (rows, Pointer(source, plain=in_vectors), stride, *rest))]
+        calls = [Call("sum_columns", (per_joint, Pointer(source, plain=in_vectors), stride, *to_output))]
     f.add(Helpers(tuple(calls), _TOGETHER, step, cost))
 
 

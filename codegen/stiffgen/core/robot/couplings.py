@@ -87,20 +87,22 @@ class Couplings:
 
         Named are the joints that exclude the coordinate's own range, or else all that narrow it.
         """
-        limited, narrowing, excluding = master, [], []
+        limited, narrowing, excluding = master, list[str](), list[str]()
         for follower in self.followers(master):
             limited = self._narrowed(limited, follower)
-            alone = self._narrowed(master, follower)
-            if (alone.lower, alone.upper) != (master.lower, master.upper):
-                lower, upper = self._range(follower)
-                narrowing.append(
-                    f"'{printable(follower.name)}' with {follower.lower:g} to {follower.upper:g}, which needs "
-                    f"{lower:g} to {upper:g}"
-                )
-                excluding += narrowing[-1:] if _is_empty(alone, master) else []
+            alone = self._narrowed(master, follower)  # by this follower only
+            if (alone.lower, alone.upper) == (master.lower, master.upper):
+                continue
+            lower, upper = self._range(follower)
+            own_range = f"'{printable(follower.name)}' with {follower.lower:g} to {follower.upper:g}"
+            narrowing.append(f"{own_range}, which needs {lower:g} to {upper:g}")
+            if _is_empty(alone, master):
+                excluding.append(narrowing[-1])
+        if not _is_empty(limited, master):
+            return ""
         named = excluding or narrowing
         more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-        return "; ".join(named[:_MOST_NAMED]) + more if _is_empty(limited, master) else ""
+        return "; ".join(named[:_MOST_NAMED]) + more
 
     def _range(self, follower: JointElement) -> tuple[float, float]:
         """Return the positions of the coordinate at the position limits of a joint that follows it."""

@@ -24,14 +24,7 @@ from stiffgen.core.symbolic.pose import jacobian_kernels, pose_kernels
 from stiffgen.core.symbolic.stiffness_kernels import stiffness_kernels
 from stiffgen.rooms import optional
 
-__all__ = [
-    "KERNELS",
-    "MAX_BATCH_JOINTS",
-    "PACKED",
-    "RESERVED_NAMES",
-    "Kernel",
-    "chain_kernels",
-]
+__all__ = ["KERNELS", "MAX_BATCH_JOINTS", "PACKED", "RESERVED_NAMES", "Kernel", "chain_kernels"]
 
 
 def _tip_kernels(of: Asked, tip: Tip | None) -> tuple[Kernel, ...]:

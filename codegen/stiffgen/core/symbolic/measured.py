@@ -94,6 +94,7 @@ def measured_stiffness(
             "broadcast"
         ) from error
     left = (without - np.swapaxes(without, -1, -2)) / 2  # zero, if sensor and pose are right
+    # A moment m leaves [m]/2 in the rotational block, docs/theory.md (4); above its diagonal are m's entries.
     moment = 2 * np.sqrt(left[..., 3, 4] ** 2 + left[..., 3, 5] ** 2 + left[..., 4, 5] ** 2)
     of_wrench = np.broadcast_to(np.linalg.norm(F[..., 3:], axis=-1), moment.shape)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -124,10 +125,11 @@ def check_symmetric(name: str, matrices: FloatArray) -> None:
         is_off = apart > ASYMMETRY * np.abs(matrices).max(axis=(-1, -2), keepdims=True, initial=0.0)
     if not is_off.any():
         return
-    *stack, row, column = (int(k) for k in np.unravel_index(np.where(is_off, apart, -1.0).argmax(), apart.shape))
-    at, mirrored = ((*stack, *entry) for entry in ((row, column), (column, row)))
+    farthest = np.where(is_off, apart, -1.0).argmax()  # the entry that is off by most
+    *stack, row, column = (int(k) for k in np.unravel_index(farthest, apart.shape))
+    entry, mirrored = matrices[(*stack, row, column)], matrices[(*stack, column, row)]
     number = f" of number {', '.join(map(str, stack))}" if stack else ""
     raise StiffgenError(
-        f"{name} is not symmetric: entry ({row}, {column}){number} is {matrices[at]:.9g}, "
-        f"({column}, {row}) is {matrices[mirrored]:.9g} (counted from 0); give (K + K^T)/2, or {REMEDY}"
+        f"{name} is not symmetric: entry ({row}, {column}){number} is {entry:.9g}, "
+        f"({column}, {row}) is {mirrored:.9g} (counted from 0); give (K + K^T)/2, or {REMEDY}"
     )

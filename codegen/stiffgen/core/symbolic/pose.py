@@ -38,41 +38,34 @@ def jacobian_derivative(chain: Chain, representation: Representation, result: Ar
     def steps(output: Array) -> Program:
         """Return the program: pose recursion, then dJ_j/dq_i in two halves, which differ in formula."""
         recursion, J = columns_of(chain, representation)
-        diagonal_outward = stiffness.diagonal_is_outward(representation)
 
-        def half(over: Over, outward: bool) -> Map:
-            """Return the map over half of the pairs (i, j)."""
+        def half(over: Over, side: str, *, outward: bool) -> Map:
+            """Return the map over half of the pairs (i, j): joint i moves, ``outward`` of the joint j of the column."""
 
             def derivative(moving: ca.SX, column: ca.SX) -> ca.SX:
                 return kinematics.jacobian_column_derivative(representation, column, moving, moving_is_outward=outward)
 
-            side = str(over) if over is Over.BASE else f"for the joints i {'beyond' if outward else 'before'} joint j"
-            return Map(
-                f"dJ_j/dq_i {side}",
-                over,
-                Operand(output, "ij"),
-                (Operand(J, "i"), Operand(J, "j")),
-                derivative,
-            )
+            operands = Operand(J, "i"), Operand(J, "j")
+            return Map(f"dJ_j/dq_i {side}", over, Operand(output, "ij"), operands, derivative)
 
-        outer = Over.LOWER if diagonal_outward else Over.STRICTLY_LOWER
-        inner = Over.STRICTLY_UPPER if diagonal_outward else Over.UPPER
-        return recursion, half(inner, False), half(outer, True), *((half(Over.BASE, False),) if chain.floating else ())
+        before, beyond = Over.UPPER, Over.STRICTLY_LOWER
+        if stiffness.diagonal_is_outward(representation):
+            before, beyond = Over.STRICTLY_UPPER, Over.LOWER
+        halves = (
+            half(before, "for the joints i before joint j", outward=False),
+            half(beyond, "for the joints i beyond joint j", outward=True),
+        )
+        # A floating base moves as one body: each of its joints moves the tip as if it were the joint nearest the base.
+        of_base = (half(Over.BASE, str(Over.BASE), outward=False),) if chain.floating else ()
+        return recursion, *halves, *of_base
 
     return over_joints(chain, result, steps)
 
 
 def pose_kernels(configuration: tuple[Argument, ...], reference: str) -> list[Kernel]:
     """Return the kernels of the tip's pose in the frame that ``reference`` names."""
-    pose = Kernel(
-        "forward_kinematics", None, configuration, (POSE,),
-        f"Pose of the tip in the {reference} frame.",
-        "product of joint poses",
-        forward_kinematics,
-    )  # fmt: skip
-    return [
-        pose,
-    ]
+    summary, equation = f"Pose of the tip in the {reference} frame.", "product of joint poses"
+    return [Kernel("forward_kinematics", None, configuration, (POSE,), summary, equation, forward_kinematics)]
 
 
 _TWIST_FRAME = {
@@ -96,16 +89,16 @@ def jacobian_kernels(rep: Representation, configuration: tuple[Argument, ...]) -
     )  # fmt: skip
     return (
         Kernel(
-            "jacobian", rep, configuration, (columns,),
-            f"Jacobian in {rep} representation.",
-            "xi = J dq/dt, twist linear first",
-            partial(jacobian, representation=rep, result=columns),
+            name="jacobian", group=rep, arguments=configuration, results=(columns,),
+            summary=f"Jacobian in {rep} representation.",
+            equation="xi = J dq/dt, twist linear first",
+            program=partial(jacobian, representation=rep, result=columns),
             batch=True,
         ),
         Kernel(
-            "jacobian_transpose_derivative", rep, configuration, (derivative,),
-            "Derivative of the transposed Jacobian with respect to each joint position.",
-            "dJ^T/dq, in closed form from Lie brackets",
-            partial(jacobian_derivative, representation=rep, result=derivative),
+            name="jacobian_transpose_derivative", group=rep, arguments=configuration, results=(derivative,),
+            summary="Derivative of the transposed Jacobian with respect to each joint position.",
+            equation="dJ^T/dq, in closed form from Lie brackets",
+            program=partial(jacobian_derivative, representation=rep, result=derivative),
         ),
     )  # fmt: skip

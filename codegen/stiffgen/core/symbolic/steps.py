@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -107,17 +107,17 @@ class StraightLine(Step):
         if self.name or all(output.name in needed for output in self.outputs):
             return self
         outputs: list[Array] = []
-        rows: list[int] = []
+        kept: list[int] = []  # their places among the stacked entries of all outputs
         start = 0
         for output in self.outputs:
             if output.name in needed:
                 outputs.append(output)
-                rows += range(start, start + output.size)
+                kept += range(start, start + output.size)
             start += output.size
 
         def expressions(chain: Chain, *values: ca.SX) -> Expressions:
             whole = self.expressions(chain, *values)
-            return Expressions(ca.vertcat(*entries_of(whole.result))[rows], whole.sections)
+            return Expressions(ca.vertcat(*entries_of(whole.result))[kept], whole.sections)
 
         columns = sum(output in outputs for output in self.outputs[: self.columns])
         return replace(self, outputs=tuple(outputs), expressions=expressions, columns=columns)
@@ -229,26 +229,28 @@ class SumJoints(OnSource):
         return not self.columns and len(self.source.shape) > 1
 
     def _evaluate(self, run: Unrolling) -> None:
-        """Sum joints into coordinates by their multipliers; `spread` is the transpose."""
-        m, n, joints = len(run.chain.joints), run.chain.dof, run.chain.joints
         source, output = run.entries[self.source.name], [ca.SX(0)] * self.output.size
-        extent = n if self.spread else m  # of the source, per index that runs over joints or coordinates
-        if not self.of_pairs:
-            for row, (i, joint) in itertools.product(range(len(source) // extent), enumerate(joints)):
-                of_joint, of_coordinate = row * m + i, row * n + joint.coordinate
-                to, from_ = (of_joint, of_coordinate) if self.spread else (of_coordinate, of_joint)
-                output[to] += joint.multiplier * source[from_]
-            run.entries[self.output.name] = output
-            return
-        depth = len(source) // (extent * extent)
-        for (i, first), (j, second), k in itertools.product(enumerate(joints), enumerate(joints), range(depth)):
-            of_joints, of_coordinates = (i * m + j) * depth + k, (first.coordinate * n + second.coordinate) * depth + k
+        for of_joints, of_coordinates, multiplier in self._entries(run.chain):
             to, from_ = (of_joints, of_coordinates) if self.spread else (of_coordinates, of_joints)
-            output[to] += first.multiplier * second.multiplier * source[from_]
+            output[to] += multiplier * source[from_]
         if self.mirror:
+            n = run.chain.dof
             for i, j in itertools.combinations(range(n), 2):
                 output[j * n + i] = output[i * n + j]
         run.entries[self.output.name] = output
+
+    def _entries(self, chain: Chain) -> Iterator[tuple[int, int, float]]:
+        """Yield each entry of the array over joints, the entry over coordinates that it belongs to, and its factor."""
+        joints, m, n = tuple(enumerate(chain.joints)), len(chain.joints), chain.dof
+        size = (self.output if self.spread else self.source).size  # of the array over joints
+        if not self.of_pairs:
+            for row, (i, joint) in itertools.product(range(size // m), joints):
+                yield row * m + i, row * n + joint.coordinate, joint.multiplier
+            return
+        depth = size // (m * m)
+        for (i, first), (j, second), k in itertools.product(joints, joints, range(depth)):
+            pair_of_coordinates = first.coordinate * n + second.coordinate
+            yield (i * m + j) * depth + k, pair_of_coordinates * depth + k, first.multiplier * second.multiplier
 
 
 @dataclass(frozen=True)
@@ -257,6 +259,13 @@ class ArgumentSlice:
 
     array: Array | None
     index: int | None = None
+
+    def entries(self, run: Unrolling, size: int) -> list[ca.SX]:
+        """Return the entries, as many as ``size``."""
+        if self.array is None:
+            return size * [ca.SX(0)]
+        start = (self.index or 0) * size
+        return run.entries[self.array.name][start : start + size]
 
 
 @dataclass(frozen=True)
@@ -300,14 +309,9 @@ class Sum(Step):
         """Evaluate the program of each term, and add the results, except those kept apart."""
         totals = {o.name: [] if o.name in self.apart else [ca.SX(0)] * o.size for o in self.outputs}
         for term in self.terms:
-            arguments = {}
-            for array, part in term.arguments:
-                # entries of one item of a stacked array, or of the whole one
-                start = 0 if part.index is None else part.index * array.size
-                entries = array.size * [ca.SX(0)]
-                if part.array:
-                    entries = run.entries[part.array.name][start : start + array.size]
-                arguments[array.name] = as_operand(array.shape, entries)
+            arguments = {
+                array.name: as_operand(array.shape, part.entries(run, array.size)) for array, part in term.arguments
+            }
             results = evaluate(term.chain, term.program, arguments, run.replace)
             for output, name in zip(self.outputs, self.results, strict=True):
                 if output.name in self.apart:

@@ -25,13 +25,18 @@ def _two_sided(
     representation: Representation,
     covector: Callable[..., ca.SX],
     operands: tuple[Operand, ...],
-    names: tuple[str, str, str],
+    *,
+    symbol: str,
+    matrix: str,
+    formula: str,
 ) -> Program:
-    """Return the steps output_ij = J_i . u_j, with separate covectors u_j for joints j beyond and before i."""
-    symbol, left_hand_side, formula = names
-    diagonal_outward = stiffness.diagonal_is_outward(representation)
-    beyond = Over.UPPER if diagonal_outward else Over.STRICTLY_UPPER
-    before = Over.STRICTLY_LOWER if diagonal_outward else Over.LOWER
+    """Return the steps output_ij = J_i . u_j, with separate covectors u_j for joints j beyond and before i.
+
+    For comments, ``symbol`` and ``matrix`` are the letters of covectors and output, ``formula`` is that of u_j.
+    """
+    beyond, before = Over.STRICTLY_UPPER, Over.LOWER
+    if stiffness.diagonal_is_outward(representation):
+        beyond, before = Over.UPPER, Over.STRICTLY_LOWER
     maps: list[Map] = []
     for side, over, outward in (("beyond", beyond, True), ("before", before, False)):
         u = Array(f"{symbol}_{side}", J.shape)
@@ -40,7 +45,7 @@ def _two_sided(
         maps.append(Map(comment, Over.JOINTS, Operand(u, "j"), (Operand(J, "j"), *operands), expression))
         # A floating base moves as one body: each of its joints moves the tip as if it were the joint nearest the base.
         overs = (over, Over.BASE) if chain.floating and not outward else (over,)
-        maps += [pairs_of(J, u, each, output, f"{left_hand_side}_ij = J_i . {symbol}_j for {each}") for each in overs]
+        maps += [pairs_of(J, u, each, output, f"{matrix}_ij = J_i . {symbol}_j for {each}") for each in overs]
     return tuple(maps)
 
 
@@ -49,10 +54,12 @@ def kinematic_stiffness(chain: Chain, representation: Representation, result: Ar
 
     def steps(output: Array) -> Program:
         recursion, J = columns_of(chain, representation)
-        operands = (Operand(wrench.array(chain), ""),)
-        names = ("z", "Kkin", "gradient of (dJ_i/dq_j) . F with respect to J_i")
-        covector = stiffness.kinematic_covector
-        return (recursion, *_two_sided(chain, J, output, representation, covector, operands, names))
+        operands, formula = (Operand(wrench.array(chain), ""),), "gradient of (dJ_i/dq_j) . F with respect to J_i"
+        pairs = _two_sided(
+            chain, J, output, representation, stiffness.kinematic_covector, operands,
+            symbol="z", matrix="Kkin", formula=formula,
+        )  # fmt: skip
+        return recursion, *pairs
 
     return over_joints(chain, result, steps)
 
@@ -68,10 +75,13 @@ def joint_stiffness_uncorrected(
         y = Array("y", J.shape)
         matrix = Operand(task_stiffness.array(chain), "")
         product = Map("y_j = K J_j", Over.JOINTS, Operand(y, "j"), (matrix, Operand(J, "j")), ca.mtimes)
-        operands = (Operand(wrench.array(chain), ""), Operand(y, "j"))
-        names = ("u", "Kq", "y_j + gradient of (dJ_i/dq_j) . F with respect to J_i")
-        covector = stiffness.uncorrected_covector
-        return (recursion, product, *_two_sided(chain, J, output, representation, covector, operands, names))
+        operands = Operand(wrench.array(chain), ""), Operand(y, "j")
+        formula = "y_j + gradient of (dJ_i/dq_j) . F with respect to J_i"
+        pairs = _two_sided(
+            chain, J, output, representation, stiffness.uncorrected_covector, operands,
+            symbol="u", matrix="Kq", formula=formula,
+        )  # fmt: skip
+        return recursion, product, *pairs
 
     return over_joints(chain, result, steps)
 
@@ -91,16 +101,9 @@ def joint_stiffness(
 
 def connection_correction(chain: Chain, representation: Representation, result: Argument, wrench: Argument) -> Program:
     """Return the program of Gamma F, in hybrid form docs/theory.md (4)."""
-    return (
-        SparseSum(
-            "Gamma F",
-            result.array(chain),
-            None,
-            (wrench.array(chain),),
-            partial(stiffness.gamma_F, representation),
-            stiffness.halves_of_wrench,
-        ),
-    )
+    output, operands = result.array(chain), (wrench.array(chain),)
+    expression = partial(stiffness.gamma_F, representation)
+    return (SparseSum("Gamma F", output, None, operands, expression, stiffness.halves_of_wrench),)
 
 
 _SPATIAL_NOTE = (
@@ -124,32 +127,33 @@ def stiffness_kernels(rep: Representation, configuration: tuple[Argument, ...], 
     uncorrected = Argument("joint_stiffness_uncorrected", ("n", "n"), "N m/rad", "not symmetric under a moment")
     return (
         Kernel(
-            "kinematic_stiffness", rep, (*configuration, wrench), (kinematic,),
-            "Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.",
-            "Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
-            partial(kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
+            name="kinematic_stiffness", group=rep, arguments=(*configuration, wrench), results=(kinematic,),
+            summary="Kinematic stiffness: derivative of the joint torques of a constant wrench with respect to q.",
+            equation="Kkin = dJ^T/dq . F (Lachner, Nah, Hogan 2025, central equation, first term)",
+            program=partial(kinematic_stiffness, representation=rep, result=kinematic, wrench=wrench),
         ),
         Kernel(
-            "connection_correction", rep, (wrench,), (correction,),
-            "Christoffel-symbol correction of the task stiffness.",
-            "Gamma F (Lachner, Nah, Hogan 2025, central equation and appendix)",
-            partial(connection_correction, representation=rep, result=correction, wrench=wrench),
-            spatial,
+            name="connection_correction", group=rep, arguments=(wrench,), results=(correction,),
+            summary="Christoffel-symbol correction of the task stiffness.",
+            equation="Gamma F (Lachner, Nah, Hogan 2025, central equation and appendix)",
+            program=partial(connection_correction, representation=rep, result=correction, wrench=wrench),
+            note=spatial,
         ),
         Kernel(
-            "joint_stiffness", rep, (*configuration, wrench, upper), (joint,),
-            "Symmetric joint stiffness with the correction by the connection.",
-            "Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
-            partial(joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
-            spatial,
+            name="joint_stiffness", group=rep, arguments=(*configuration, wrench, upper), results=(joint,),
+            summary="Symmetric joint stiffness with the correction by the connection.",
+            equation="Kq = dJ^T/dq . F + J^T (K + Gamma F) J (Lachner, Nah, Hogan 2025, central equation)",
+            program=partial(joint_stiffness, representation=rep, result=joint, wrench=wrench, task_stiffness=upper),
+            note=spatial,
             batch=True,
         ),
         Kernel(
-            "joint_stiffness_uncorrected", rep, (*configuration, wrench, full), (uncorrected,),
-            "Conventional joint stiffness, without the correction; for comparison.",
-            "dJ^T/dq . F + J^T K J",
-            partial(joint_stiffness_uncorrected, representation=rep, result=uncorrected, wrench=wrench,
-                task_stiffness=full,
+            name="joint_stiffness_uncorrected", group=rep, arguments=(*configuration, wrench, full),
+            results=(uncorrected,),
+            summary="Conventional joint stiffness, without the correction; for comparison.",
+            equation="dJ^T/dq . F + J^T K J",
+            program=partial(
+                joint_stiffness_uncorrected, representation=rep, result=uncorrected, wrench=wrench, task_stiffness=full
             ),
         ),
     )  # fmt: skip

@@ -13,6 +13,7 @@ from stiffgen.core.emit.pages import KernelGroup, KernelPage, groups_of
 from stiffgen.core.emit.texts import arguments_elsewhere, documented_arguments, wrapped
 from stiffgen.core.library import Library
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.arguments import Argument
 from stiffgen.core.symbolic.kernel import Kernel, absent_functions
 from stiffgen.core.symbolic.measured import ASYMMETRY, REMEDY
 from stiffgen.core.symbolic.program import Array
@@ -23,6 +24,8 @@ MODULE = Library(
     ("operands.c", "inputs.c", "loop.c", "explain.c", "call.c", "load.c"),
 )
 """C of every NAME_python.c; the tables of the template say what differs."""
+_WIDTH = 88
+"""Longest line of a docstring, in characters."""
 
 
 def _packed_pages(chain: Chain, pages: list[KernelPage]) -> list[KernelPage]:
@@ -38,24 +41,29 @@ def _packed_pages(chain: Chain, pages: list[KernelPage]) -> list[KernelPage]:
 
 def _docstring(chain: Chain, kernel: Kernel) -> list[str]:
     """Return the lines of a function's docstring in NumPy's layout, with shapes and units."""
-    lines = [kernel.summary, "", *wrapped(kernel.equation, 88), ""]
+    lines = [kernel.summary, "", *wrapped(kernel.equation, _WIDTH), ""]
     if kernel.note:
-        lines += [*wrapped(kernel.note, 88), ""]
-    for title, arguments in (("Parameters", documented_arguments(kernel)), ("Returns", kernel.results)):
-        lines += [title, "-" * len(title), *(arguments_elsewhere(kernel, 88) if title == "Parameters" else [])]
-        for argument in arguments:
-            shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
-            lines.append(f"{argument.name} : ({shape}) [{argument.unit}]")
-            lines += [f"    {line}" for line in wrapped(argument.meaning, 84)]
-        lines.append("")
-    return lines[:-1]
+        lines += [*wrapped(kernel.note, _WIDTH), ""]
+    lines += ["Parameters", "----------", *arguments_elsewhere(kernel, _WIDTH)]
+    for argument in documented_arguments(kernel):
+        lines += _entry(chain, argument)
+    lines += ["", "Returns", "-------"]
+    for result in kernel.results:
+        lines += _entry(chain, result)
+    return lines
+
+
+def _entry(chain: Chain, argument: Argument) -> list[str]:
+    """Return the lines of an argument or result in a docstring."""
+    shape = ", ".join(("...", *map(str, argument.array(chain).shape)))
+    meaning = wrapped(argument.meaning, _WIDTH - 4)
+    return [f"{argument.name} : ({shape}) [{argument.unit}]", *(f"    {line}" for line in meaning)]
 
 
 def _page_docstring(chain: Chain, page: KernelPage) -> list[str]:
-    kernel = page.kernel
-    return _docstring(
-        chain, replace(kernel, results=kernel.packed.results) if page.packed and kernel.packed else kernel
-    )
+    """Return the docstring of a page's function, whose results may be packed."""
+    packed = page.kernel.packed if page.packed else None
+    return _docstring(chain, replace(page.kernel, results=packed.results) if packed else page.kernel)
 
 
 def _initialiser(array: Array) -> str:
@@ -71,26 +79,30 @@ def _protocol(page: KernelPage) -> str:
 
 def _checks(page: KernelPage) -> str:
     """Return a letter for each argument: q for joint positions, t for a stiffness that should be symmetric, else -."""
-    is_product = bool(page.kernel.product_of)
-    letters = ("t" if each.symmetric_part and not is_product else "-" for each in page.kernel.arguments)
-    return "".join("q" if each.is_q else letter for each, letter in zip(page.kernel.arguments, letters, strict=True))
+    of_stiffness = "-" if page.kernel.product_of else "t"  # a vector-Jacobian product checks none
+    letters = {each.name: of_stiffness for each in page.kernel.arguments if each.symmetric_part}
+    letters |= {each.name: "q" for each in page.kernel.arguments if each.is_q}
+    return "".join(letters.get(each.name, "-") for each in page.kernel.arguments)
 
 
 def _turn_limits(chain: Chain) -> list[str]:
     """Return the largest plausible magnitude of each joint position: 2 pi where the joint's limits are below."""
-    is_short = [c.type != "prismatic" and max(-c.lower, c.upper) <= 2 * math.pi for c in chain.coordinates]
-    return [f"{2 * math.pi!r}" if short else "INFINITY" for short in is_short]
+    is_short = (c.type != "prismatic" and max(-c.lower, c.upper) <= math.tau for c in chain.coordinates)
+    return [repr(math.tau) if short else "INFINITY" for short in is_short]
 
 
 def overview(groups: list[KernelGroup]) -> list[str]:
     """Return call, shape and meaning of every function; groups with the same functions are listed once."""
-    calls_of = {".".join(filter(None, (group.tip, group.group))): _calls(group.kernels) for group in groups}
+    places_of: dict[tuple[str, ...], list[str]] = {}  # names of the groups that have these lines
+    for group in groups:
+        place = ".".join(filter(None, (group.tip, group.group)))
+        places_of.setdefault(_calls(group.kernels), []).append(place)
     lines: list[str] = []
-    for calls in dict.fromkeys(calls_of.values()):
-        places = [place for place, each in calls_of.items() if each == calls]
-        if places != [""]:
-            lines.append(", ".join(place or "here" for place in places))
-        lines += [line if places == [""] else f"    {line}" for line in calls]
+    for calls, places in places_of.items():
+        if places == [""]:  # of the module itself
+            lines += calls
+        else:
+            lines += [", ".join(place or "here" for place in places), *(f"    {line}" for line in calls)]
     return lines
 
 
