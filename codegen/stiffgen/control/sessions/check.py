@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from stiffgen.control.page import pairs_of
+from stiffgen.control.sessions.bench import ControllerBench
 from stiffgen.control.sessions.law import (
     PERIOD,
+    SpringArguments,
     Timing,
     coriolis,
     damping_torque,
-    differences,
     elastic_torque,
-    energy_of_all,
     friction_side,
     joint_hessian,
     place_zones,
@@ -34,108 +33,14 @@ from stiffgen.core.verify.result import Check, faultless
 
 _BOUND = 1e-8
 """Tolerance for finite-difference comparisons, which lose some digits."""
-_STATED = {"sample_time": PERIOD, "delay_samples": 0, "motor_inertia": 0.5, "heaviest_wrench": (1e4, 1e4)}
-"""Configuration fields without a default."""
-
-
-class _Bench:
-    """Robot's controller with samples around one configuration, close to which all limits lie.
-
-    ``reach`` is the distance [rad or m] that each joint moves from ``q`` in these sessions. ``spring`` has the
-    stiffnesses, ``tools`` the tools of a robot that takes them.
-    """
-
-    def __init__(self, robot: GeneratedRobot, seed: int) -> None:
-        """Draw a configuration within the limits, tools and springs [N/m, N m/rad] of all tips and pairs."""
-        self.robot, chain = robot, robot.chain
-        self.random = np.random.default_rng(seed)
-        lower, upper = self._bounds()
-        span = upper - lower
-        self.q = lower + span * self.random.uniform(0.35, 0.65, len(span))  # the middle third of each range
-        self.reach = float(min(0.1, 0.2 * np.abs(span).min()))
-        tips, self.pairs = len(chain.tips), [(each.first, each.second) for each in pairs_of(chain, robot.springs.pairs)]
-        self.tools = np.broadcast_to(np.eye(4), (tips, 4, 4)).copy()
-        # [m] off all axes, different for each tip
-        self.tools[:, :3, 3] = np.array([0.02, -0.03, 0.1]) + np.arange(tips)[:, None] * (0.05, 0.0, 0.0)
-        roots = self.random.normal(size=(2, tips + 2 * len(self.pairs), 3, 3))
-        # Positive definite, of the size 300 N/m and 20 N m/rad.
-        Kt, Ko = (roots @ np.swapaxes(roots, 2, 3) / 3 + 0.3 * np.eye(3)) * np.array([300.0, 20.0])[:, None, None, None]
-        if tips == 1:
-            self.tools, Kt, Ko = self.tools[0], Kt[0], Ko[0]
-        self.spring = {"translation_stiffness": Kt, "rotation_stiffness": Ko}
-        self.count = 0
-
-    def _bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the motors' positions; with closed loops they are near a closed configuration."""
-        chain = self.robot.chain
-        limits = np.array([c.range_within(1.5) for c in chain.motor_coordinates])
-        if chain.loops:
-            middle = np.array(chain.start)[list(chain.actuated)]
-            return middle - 0.15, middle + 0.15
-        return limits[:, 0], limits[:, 1]
-
-    def joints(self, q: FloatArray) -> FloatArray:
-        """Return the positions of all joints at the motors' positions q."""
-        chain = self.robot.chain
-        return np.asarray(self.robot.kernels["close"](q, np.array(chain.start))) if chain.loops else q
-
-    def mass_matrix(self, q: FloatArray) -> FloatArray:
-        """Return the motors' mass matrix: G^T M G with closed loops, G = d joints/dq by differences."""
-        M = np.asarray(self.robot.kernels["mass_matrix"](self.joints(q)))
-        if not self.robot.chain.loops:
-            return M
-        G = differences(self.joints, q).T
-        return np.asarray(G.T @ M @ G)
-
-    def poses(self, q: FloatArray) -> FloatArray:
-        """Return the poses of all tips, from the kernels."""
-        chain, kernels = self.robot.chain, self.robot.kernels
-        joints = self.joints(q)
-        names = [""] if len(chain.tips) == 1 else [f"{tip.name}_" for tip in chain.tips]
-        tools = np.reshape(self.tools, (-1, 4, 4))
-        arguments = [(joints, tool) if chain.runtime_tool else (joints,) for tool in tools]
-        rows = [kernels[f"{name}forward_kinematics"](*each) for name, each in zip(names, arguments, strict=True)]
-        return np.array(rows)
-
-    def controller(self, *, rests: int = 5, **config: Any) -> Any:
-        """Return a controller engaged at rest at q, with limits beyond reach.
-
-        The positions are coarse: an arm that stays where it is to the last bit is no frozen encoder.
-        """
-        room = {
-            **_STATED, "lower_limit": self.q - 4 * self.reach, "upper_limit": self.q + 4 * self.reach,
-            "velocity_limit": 10.0, "effort_limit": 1e4, "torque_rate_limit": 1e8, "tip_velocity_limit": 100.0,
-            "tank_initial": 1e4, "position_quantum": 1e-5,
-            **({"tool_pose": self.tools} if self.robot.chain.runtime_tool else {}),
-        }  # fmt: skip
-        self.count = 0
-        controller = self.robot.module.Impedance(**{**room, **config}, errors="ignore")
-        for _ in range(rests):
-            self.rest(controller)
-        return controller
-
-    def step(self, controller: Any, **given: Any) -> Any:
-        """Step once, at the next sample time."""
-        self.count += 1
-        return controller.step(counter=self.count, **{**self.spring, **given})
-
-    def rest(self, controller: Any, **changed: Any) -> Any:
-        """Step once at q, at rest."""
-        return self.step(controller, **{"q": self.q, "dq": np.zeros(len(self.q)), "q0": self.q, **changed})
-
-    @property
-    def where(self) -> tuple[Any, ...]:
-        """Axes and centre of the tips' springs, and the pairs."""
-        return self.robot.springs.placement, self.pairs
-
-    def energy(self, tip: int, here: FloatArray, equilibria: FloatArray, pose: FloatArray) -> float:
-        """Return the springs' energy with one tip at another pose."""
-        poses = np.where(np.arange(len(here))[:, None, None] == tip, pose, here)
-        return energy_of_all(poses, equilibria, *self.spring.values(), *self.where)
-
-    def status(self, out: Any, *names: str) -> bool:
-        """Return whether any of the bits is set."""
-        return any(out.status & self.robot.module.Status[name] for name in names)
+_USED = 0.72
+"""Share of a joint's velocity limit that the reference uses; what the arm exceeds is braked."""
+_TREND_TIME = 0.01
+"""Time constant [s] of the low-pass filter of the reference's velocity."""
+_MOVE_STEPS = 400
+"""Steps of the arm's motion; the command's takes half of them."""
+_SLOWEST = 3000
+"""Steps in which the reference must arrive after the motion: the tip of a long arm is slower than its joints."""
 
 
 def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
@@ -145,7 +50,7 @@ def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
     """
     if not hasattr(robot.module, "Impedance"):
         return []
-    bench = _Bench(robot, seed)
+    bench = ControllerBench(robot, seed)
     return [
         *_law(bench),
         faultless("controller: limits", "bounds of the configuration", _limits(bench)),
@@ -154,7 +59,7 @@ def check_controller(robot: GeneratedRobot, seed: int) -> list[Check]:
     ]
 
 
-def _law(bench: _Bench) -> list[Check]:
+def _law(bench: ControllerBench) -> list[Check]:
     """Check a slow motion of arm and reference into the limit zones: every term of the torque, and their sum."""
     errors: dict[str, float] = {}  # the largest one of each quantity, in all steps
     for delay, coriolis_on in ((0, "off"), (5, "on")):
@@ -165,12 +70,14 @@ def _law(bench: _Bench) -> list[Check]:
 class _Movement:
     """Motion of an arm in 0.4 s, in its first half followed by the command with feed-forward, and what is compared."""
 
-    def __init__(self, bench: _Bench, errors: dict[str, float], delay: int, coriolis_on: str) -> None:
+    def __init__(self, bench: ControllerBench, errors: dict[str, float], delay: int, coriolis_on: str) -> None:
         """Plan the motion of arm and command, and start a controller with room for them around q."""
         self.bench, self.errors, self.timing, self.coriolis = bench, errors, Timing(delay), coriolis_on == "on"
         q, n, reach = bench.q, len(bench.q), bench.reach
-        # the arm moves from q to q + way in 0.4 s, the command to q + aim / 2 in the first half of this
-        self.way, self.aim = (bench.random.choice([-1.0, 1.0], n) * reach for _ in range(2))
+        # [rad or m] the arm moves from q to q + way, the command to goal = q + half a reach to either side
+        self.way = bench.random.choice([-1.0, 1.0], n) * reach
+        self.aim = 0.5 * (bench.random.choice([-1.0, 1.0], n) * reach)
+        self.goal = q + self.aim
         # joint springs [N m/rad]; all values differ from joint to joint, so that a mix-up shows
         self.posture = np.linspace(1.0, 3.0, n)
         # [N], [N m] commanded at each tip and pair
@@ -196,50 +103,70 @@ class _Movement:
 
     def run(self) -> None:
         """Step through the motion, then until the reference arrives."""
-        bench, q, last = self.bench, self.bench.q, self.bench.q
-        shape = (-1,) if len(self.wrench) == 1 else self.wrench.shape
-        for step in range(401):
-            phase = np.pi * step / 400
-            # half a cosine in 0.4 s: rate = d(at)/dt
-            at, rate = q + self.way * (0.5 - 0.5 * np.cos(phase)), self.way * np.pi / 0.8 * np.sin(phase)
-            out = bench.step(
-                self.controller, q=at, dq=rate, q0=q + 0.5 * self.aim * min(1.0, step / 200), shaped=True,
-                posture_stiffness=self.posture, wrench_command=np.reshape(self.wrench, shape),
-                acceleration=self.acceleration,
-            )  # fmt: skip
+        last = self.bench.q  # reference of the step before
+        for step in range(_MOVE_STEPS + 1):
+            at, rate = self._arm(step)
+            out = self._step(step, at, rate)
             if step:
                 self.hold("reference velocity", out.reference_velocity, (out.reference - last) / PERIOD)
             last = np.array(out.reference)
-            self.trend = self.trend + PERIOD / 0.01 * (out.reference_velocity - self.trend)  # low-pass filter of 10 ms
+            self.trend = self.trend + PERIOD / _TREND_TIME * (out.reference_velocity - self.trend)
             if step % 40 == 0:  # a comparison takes much longer than a step
-                self._compare(out, at, rate)
+                self._compare_springs(out, at)
+                self._compare_damping(out, at, rate)
             if step % 100 == 0 and step:  # the wrench has faded in
                 self._compare_feedforward(out, at, rate)
-        for _ in range(3000):  # the tip of a long arm is slower than its joints
-            if np.abs(out.reference - q - 0.5 * self.aim).max() <= 1e-9:
-                break
-            out = bench.step(self.controller, q=at, dq=np.zeros(len(q)), q0=q + 0.5 * self.aim)
-        self.hold("reference arrives", out.reference, q + 0.5 * self.aim)
+        self._arrive(out, at)
 
-    def _compare(self, out: Any, at: FloatArray, rate: FloatArray) -> None:
-        """Compare springs, zones and damping with the law."""
-        bench, zones = self.bench, self.zones
-        Kt, Ko = bench.spring["translation_stiffness"], bench.spring["rotation_stiffness"]
-        # equilibrium is the tip at the reference, which the controller may hold back from q0
-        spring = (bench.poses(out.reference), out.reference, Kt, Ko, self.posture, *bench.where)
+    def _arm(self, step: int) -> tuple[FloatArray, FloatArray]:
+        """Return positions and velocities (n) of the arm at a step: half a cosine from q to q + way."""
+        phase = np.pi * step / _MOVE_STEPS
+        position = self.bench.q + self.way * (0.5 - 0.5 * np.cos(phase))
+        velocity = self.way * 0.5 * np.pi / (_MOVE_STEPS * PERIOD) * np.sin(phase)
+        return position, velocity
+
+    def _step(self, step: int, at: FloatArray, rate: FloatArray) -> Any:
+        """Step with the arm at a position and velocity, and the command on its straight way to the goal."""
+        share = min(1.0, step / (_MOVE_STEPS // 2))
+        return self.bench.step(
+            self.controller, q=at, dq=rate, q0=self.bench.q + self.aim * share, shaped=True,
+            posture_stiffness=self.posture, wrench_command=self.wrench[0] if len(self.wrench) == 1 else self.wrench,
+            acceleration=self.acceleration,
+        )  # fmt: skip
+
+    def _arrive(self, out: Any, at: FloatArray) -> None:
+        """Step with the arm at rest at the end of its way until the reference reaches the goal."""
+        for _ in range(_SLOWEST):
+            if np.abs(out.reference - self.bench.q - self.aim).max() <= 1e-9:
+                break
+            out = self.bench.step(self.controller, q=at, dq=np.zeros(len(at)), q0=self.goal)
+        self.hold("reference arrives", out.reference, self.goal)
+
+    def _springs(self, out: Any) -> SpringArguments:
+        """Return the springs of a step: at rest at the reference, which the controller may hold back from q0."""
+        return self.bench.springs_of(self.bench.poses(out.reference), out.reference, self.posture)
+
+    def _compare_springs(self, out: Any, at: FloatArray) -> None:
+        """Compare torque and energy of springs and zones with the law."""
+        poses, spring, zones = self.bench.poses, self._springs(out), self.zones
         # what is left of the torque is that of the springs
         pull = out.own_torque - out.damping_torque - out.limit_torque - out.feedforward_torque
-        self.hold("elastic torque", pull, out.scale * elastic_torque(bench.poses, at, *spring))
-        self.hold("stored", out.stored, out.scale * potential(bench.poses, at, *spring) + zones.energy(at))
+        self.hold("elastic torque", pull, out.scale * elastic_torque(poses, at, *spring))
+        self.hold("stored", out.stored, out.scale * potential(poses, at, *spring) + zones.energy(at))
         self.hold("limit torque", out.limit_torque, zones.torque(at))
         self.hold("torque", out.torque, out.own_torque)
         self.hold("no fault", float(out.fault), 0.0)
+
+    def _compare_damping(self, out: Any, at: FloatArray, rate: FloatArray) -> None:
+        """Compare damping torque and stiffness share with those that the law designs for the springs' stiffness."""
+        zones, limit = self.zones, self.controller.config.velocity_limit
         # stiffness of springs and touched zones (n, n) [N m/rad]
-        tangent = joint_hessian(bench.poses, at, *spring) + np.diag(np.where(zones.depth(at) != 0, zones.stiffness, 0))
-        config, slip = self.controller.config, out.reference_velocity - rate
-        # speed beyond the share 0.72 of the limit, which the reference keeps
-        excess = rate - np.clip(rate, -0.72 * config.velocity_limit, 0.72 * config.velocity_limit)
-        damping, share = damping_torque(tangent, self._mass_matrix(at), self.timing, slip, excess, 0.7)
+        touched = np.where(zones.depth(at) != 0, zones.stiffness, 0)
+        tangent = joint_hessian(self.bench.poses, at, *self._springs(out)) + np.diag(touched)
+        excess = rate - np.clip(rate, -_USED * limit, _USED * limit)
+        damping, share = damping_torque(
+            tangent, self._mass_matrix(at), self.timing, slip=out.reference_velocity - rate, excess=excess, ratio=0.7
+        )
         self.hold("damping torque", out.damping_torque, damping)
         self.hold("stiffness share", out.stiffness_share, share)
 
@@ -254,17 +181,17 @@ class _Movement:
         self.hold("feed-forward torque", out.feedforward_torque, expected)
 
 
-def _limits(bench: _Bench) -> list[str]:
+def _limits(bench: ControllerBench) -> list[str]:
     """Check torque, torque rate, and work against energy_supplied, with a motion and a command that demand more."""
     faults, n = [], len(bench.q)
     effort, rate = np.linspace(0.02, 0.05, n), np.linspace(1.0, 3.0, n)  # so little that both bind
     controller = bench.controller(effort_limit=effort, torque_rate_limit=rate)
-    # torque of the step before [N m]; bits of the status that must occur
-    last, seen, position = np.zeros(n), dict.fromkeys(("RATE_LIMITED", "SATURATED"), False), bench.q.copy()
+    position = bench.q.copy()
+    last = np.zeros(n)  # torque of the step before [N m]
     work, supplied = 0.0, 0.0  # [J] done by the torques; said by the controller in the step before
+    never = {"RATE_LIMITED", "SATURATED"}  # bits of the status that must occur, and have not yet
     for step in range(200):
-        # 40 steps at a constant speed, 10 at rest, and back
-        speed = bench.reach * (2.0 if step // 50 % 2 else -2.0) * (step % 50 < 40)
+        speed = _stop_and_go(step, 2.0 * bench.reach)
         position = position + PERIOD * speed
         out = bench.step(controller, q=position, dq=np.full(n, speed), q0=bench.q + bench.reach)
         if not (np.abs(out.torque) <= effort * (1 + 1e-12)).all():
@@ -276,49 +203,71 @@ def _limits(bench: _Bench) -> list[str]:
         if not supplied <= out.energy_supplied >= work + out.stored + out.tank - 1e-6:
             faults.append(f"step {step}: work beyond energy_supplied, or less supplied than before")
         last, supplied = np.array(out.torque), float(out.energy_supplied)
-        seen = {name: found or bench.status(out, name) for name, found in seen.items()}
-    return faults + [f"never {name}" for name, found in seen.items() if not found]
+        never -= {name for name in never if bench.status(out, name)}
+    return faults + [f"never {name}" for name in sorted(never)]
 
 
-def _governor(bench: _Bench) -> list[str]:
+def _stop_and_go(step: int, speed: float) -> float:
+    """Return the speed of a motion there and back: 40 steps at one speed, 10 at rest, and the same the other way."""
+    if step % 50 >= 40:
+        return 0.0 * speed
+    return speed if step // 50 % 2 else -speed
+
+
+def _governor(bench: ControllerBench) -> list[str]:
     """Check a jump of the command with a held arm: velocity of the reference and of the tips, and the springs' wrench.
 
-    In each row another limit binds: the joints' velocity, the wrench, the tips' velocity.
+    Each time another limit binds: the joints' velocity, the wrench, the tips' velocity.
     """
-    faults, n = [], len(bench.q)
-    here = np.reshape(bench.poses(bench.q), (-1, 4, 4))
-    limits: tuple[tuple[Any, tuple[float, float], tuple[float, float]], ...] = (
-        (np.linspace(0.2, 0.5, n) * bench.reach, (1e4, 1e4), (100.0, 100.0)),
-        (np.full(n, 5.0), (2.0, 0.2), (100.0, 100.0)),
-        (np.full(n, 5.0), (1e4, 1e4), (0.2 * bench.reach, 0.4 * bench.reach)),
+    n, reach = len(bench.q), bench.reach
+    wide: dict[str, Any] = {
+        "velocity_limit": np.full(n, 5.0), "heaviest_wrench": (1e4, 1e4), "tip_velocity_limit": (100.0, 100.0)
+    }  # fmt: skip
+    binding: tuple[dict[str, Any], ...] = (
+        {"velocity_limit": np.linspace(0.2, 0.5, n) * reach},
+        {"heaviest_wrench": (2.0, 0.2)},
+        {"tip_velocity_limit": (0.2 * reach, 0.4 * reach)},
     )
-    for speed, heaviest, tip_speed in limits:
-        controller = bench.controller(
-            velocity_limit=speed, heaviest_wrench=heaviest, tip_velocity_limit=tip_speed, ramp_time=1e-3
-        )
-        last, tips = bench.q, here
-        for step in range(300):
-            out = bench.rest(controller, q0=bench.q + bench.reach)
-            if not (np.abs(out.reference - last) <= 0.72 * speed * PERIOD * (1 + 1e-9)).all():
-                faults.append(f"step {step}: the reference is faster than the velocity limit allows")
-            moved = np.reshape(bench.poses(out.reference), (-1, 4, 4))
-            # 2 sin(angle / 2): the angle, up to 1e-8 of it here; the matrices differ by sqrt(2) times as much
-            turned = np.linalg.norm(moved[:, :3, :3] - tips[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
-            way = np.linalg.norm(moved[:, :3, 3] - tips[:, :3, 3], axis=1)
-            if not ((way <= tip_speed[0] * PERIOD) & (turned <= tip_speed[1] * PERIOD)).all():
-                faults.append(f"step {step}: the reference is faster than the tip's limits")
-            last, tips = np.array(out.reference), moved
-        for tip, pose in enumerate(here):
-            pushed = wrench(partial(bench.energy, tip, here, tips), pose)
-            load = [np.linalg.norm(part) / most for part, most in zip(pushed.reshape(2, 3), heaviest, strict=True)]
-            if not np.linalg.norm(load) <= 1 + 1e-6:
-                faults.append("the springs exert more than heaviest_wrench")
-        if (last == bench.q).any():
-            faults.append("a joint of the reference does not move")
+    return [fault for limit in binding for fault in _jump_faults(bench, **wide | limit)]
+
+
+def _jump_faults(
+    bench: ControllerBench,
+    velocity_limit: FloatArray,
+    heaviest_wrench: tuple[float, float],
+    tip_velocity_limit: tuple[float, float],
+) -> list[str]:
+    """Command a jump of all joints by ``reach`` for 0.3 s, and check the reference's motion against the limits."""
+    faults = []
+    controller = bench.controller(
+        velocity_limit=velocity_limit, heaviest_wrench=heaviest_wrench, tip_velocity_limit=tip_velocity_limit,
+        ramp_time=1e-3,
+    )  # fmt: skip
+    here = np.reshape(bench.poses(bench.q), (-1, 4, 4))
+    last, tips = bench.q, here  # reference of the step before, and the tips' poses there
+    for step in range(300):
+        out = bench.rest(controller, q0=bench.q + bench.reach)
+        if not (np.abs(out.reference - last) <= _USED * velocity_limit * PERIOD * (1 + 1e-9)).all():
+            faults.append(f"step {step}: the reference is faster than the velocity limit allows")
+        moved = np.reshape(bench.poses(out.reference), (-1, 4, 4))
+        # |R' - R| = 2 sqrt(2) sin(angle / 2): sqrt(2) times the angle, up to 1e-8 of it here
+        turned = np.linalg.norm(moved[:, :3, :3] - tips[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+        way = np.linalg.norm(moved[:, :3, 3] - tips[:, :3, 3], axis=1)
+        if not ((way <= tip_velocity_limit[0] * PERIOD) & (turned <= tip_velocity_limit[1] * PERIOD)).all():
+            faults.append(f"step {step}: the reference is faster than the tip's limits")
+        last, tips = np.array(out.reference), moved
+    for tip, pose in enumerate(here):
+        pushed = wrench(partial(bench.energy, tip, here, tips), pose)
+        force, moment = (np.linalg.norm(part) for part in pushed.reshape(2, 3))
+        # an ellipse: of the heaviest force alone, of the heaviest moment alone, or less of both
+        if not np.linalg.norm([force / heaviest_wrench[0], moment / heaviest_wrench[1]]) <= 1 + 1e-6:
+            faults.append("the springs exert more than heaviest_wrench")
+    if (last == bench.q).any():
+        faults.append("a joint of the reference does not move")
     return faults
 
 
-def _faults(bench: _Bench) -> list[str]:
+def _faults(bench: ControllerBench) -> list[str]:
     """Check that one bad sample is no fault, and that two of three, or a value beyond a limit, latch a fault.
 
     In a fault the torque keeps its limits, the springs' scale falls to 0, and a reset ends the fault.
@@ -336,28 +285,29 @@ def _faults(bench: _Bench) -> list[str]:
     return [*faults, *_release_faults(bench), *_other_faults(bench)]
 
 
-def _sensor_faults(bench: _Bench, title: str, changed: Mapping[str, Any]) -> list[str]:
-    """Pass a bad sample once, then twice; then reset."""
+def _sensor_faults(bench: ControllerBench, title: str, changed: Mapping[str, Any]) -> list[str]:
+    """Pass a bad sample once, then twice; then reset. The torque keeps its limits all the time."""
     faults, sensor = [], bench.robot.module.Fault.SENSOR
-    # [N m], [N m/s]: 0.5 N m per sample of 1 ms
-    controller = bench.controller(effort_limit=50.0, torque_rate_limit=500.0)
+    effort, rate = 50.0, 500.0  # [N m], [N m/s]
+    controller = bench.controller(effort_limit=effort, torque_rate_limit=rate)
     goal = bench.q + 0.1 * bench.reach
     last = np.array([bench.rest(controller, q0=goal) for _ in range(55)][-1].torque)
 
     def stepped(**given: Any) -> Any:
+        """Step once, compare the torque with its limits, and return the output."""
         out = bench.rest(controller, q0=goal, **given)
-        bounded = (np.abs(out.torque) <= 50.0).all() and (np.abs(out.torque - last) <= 0.5 * (1 + 1e-9)).all()
-        if not bounded:
+        largest, change = np.abs(out.torque).max(), np.abs(out.torque - last).max()
+        if not (largest <= effort and change <= rate * PERIOD * (1 + 1e-9)):
             faults.append(f"{title}: torque beyond its limits")
         last[:] = out.torque
         return out
 
-    out = stepped(**changed)
-    if out.fault or not bench.status(out, "BAD_SAMPLE"):
+    once = stepped(**changed)
+    if once.fault or not bench.status(once, "BAD_SAMPLE"):
         faults.append(f"{title}: one sample is not just a bad one")
     if stepped(**changed).fault != sensor:
         faults.append(f"{title}: twice is no sensor fault")
-    rows = [stepped() for _ in range(200)]
+    rows = [stepped() for _ in range(200)]  # twice the 0.1 s in which 50 N m fall to 0 at 500 N m/s
     if not all(out.fault == sensor and bench.status(out, "FAULT") for out in rows):
         faults.append(f"{title}: the fault does not stay")
     if rows[-1].torque.any():
@@ -368,26 +318,32 @@ def _sensor_faults(bench: _Bench, title: str, changed: Mapping[str, Any]) -> lis
     return faults
 
 
-def _release_faults(bench: _Bench) -> list[str]:
+def _release_faults(bench: ControllerBench) -> list[str]:
     """Move faster than the velocity limit until that is a fault; the springs then let go with their energy known."""
-    faults, n, q, speed = [], len(bench.q), bench.q, 2.4 * bench.reach
+    n, speed = len(bench.q), 2.4 * bench.reach
     # the second joint's limit is the tighter one, where there are several
-    limit = np.where(np.arange(n) == min(1, n - 1), 2.0, 8.0) * bench.reach
+    tightest = min(1, n - 1)
+    limit = np.where(np.arange(n) == tightest, 2.0, 8.0) * bench.reach
     controller = bench.controller(velocity_limit=limit, effort_limit=50.0, torque_rate_limit=50.0)
-    spring = (*bench.spring.values(), 1.0, *bench.where)
-    steps = 0
+    q, faults, steps = bench.q, [], 0
     while steps < 300:
         steps += 1
         q = q + speed * PERIOD
         out = bench.step(controller, q=q, dq=np.full(n, speed), q0=bench.q)
         if out.fault:
             break
-    if out.reason != bench.robot.module.Reason.OVERSPEED or steps != 201 or out.fault_joint != min(1, n - 1):
+    if out.reason != bench.robot.module.Reason.OVERSPEED or steps != 201 or out.fault_joint != tightest:
         faults.append("overspeed is no fault after 0.2 s")
-    scales = []
+    return [*faults, *_scale_faults(bench, controller, q)]
+
+
+def _scale_faults(bench: ControllerBench, controller: Any, q: FloatArray) -> list[str]:
+    """Step with the arm at rest at q, in a fault, until the springs' scale is 0; ``stored`` is the scaled energy."""
+    faults, scales = [], []
     for _ in range(2000):
-        out = bench.step(controller, q=q, dq=np.zeros(n), q0=bench.q)
-        whole = potential(bench.poses, q, bench.poses(out.reference), out.reference, *spring)
+        out = bench.step(controller, q=q, dq=np.zeros(len(q)), q0=bench.q)
+        spring = bench.springs_of(bench.poses(out.reference), out.reference, 1.0)
+        whole = potential(bench.poses, q, *spring)
         if not abs(out.stored - out.scale * whole) <= _BOUND * max(1.0, whole):
             faults.append("springs that are let go store another energy")
             break
@@ -399,25 +355,38 @@ def _release_faults(bench: _Bench) -> list[str]:
     return faults
 
 
-def _other_faults(bench: _Bench) -> list[str]:
+def _other_faults(bench: ControllerBench) -> list[str]:
     """Check faults of communication and position, and that a command with NaN is refused without a fault."""
-    module, q, faults = bench.robot.module, bench.q, []
+    return [*_missed_faults(bench), *_position_faults(bench), *_refusal_faults(bench)]
+
+
+def _missed_faults(bench: ControllerBench) -> list[str]:
+    """Leave out samples: the tenth in a row is a fault of communication, none before it."""
     controller = bench.controller()
     kinds = [int(controller.missed(counter=bench.count + 1 + k).fault) for k in range(10)]
-    if kinds != [0] * 9 + [int(module.Fault.COMMUNICATION)]:
-        faults.append("missed samples")
-    for name, sign in (("upper_limit", 1.0), ("lower_limit", -1.0)):
-        # The fault begins 0.1 rad beyond a limit.
-        for beyond, expected in ((0.099, module.Reason.NONE), (0.101, module.Reason.POSITION)):
-            bounds = {"lower_limit": q - 1.0, "upper_limit": q + 1.0, name: q - sign * beyond}
+    return [] if kinds == [0] * 9 + [int(bench.robot.module.Fault.COMMUNICATION)] else ["missed samples"]
+
+
+def _position_faults(bench: ControllerBench) -> list[str]:
+    """Place the arm on both sides of where the fault begins: 0.1 rad or m beyond a limit."""
+    q, reasons, faults = bench.q, bench.robot.module.Reason, []
+    for name, outwards in (("upper_limit", 1.0), ("lower_limit", -1.0)):
+        for beyond, expected in ((0.099, reasons.NONE), (0.101, reasons.POSITION)):
+            bounds = {"lower_limit": q - 1.0, "upper_limit": q + 1.0, name: q - outwards * beyond}
             if bench.rest(bench.controller(rests=0, **bounds)).reason != expected:
                 faults.append(f"{beyond} beyond {name} is {'no' if expected else 'a'} fault")
+    return faults
+
+
+def _refusal_faults(bench: ControllerBench) -> list[str]:
+    """Command NaN in the first entry of each argument: the command is refused, and nothing else happens."""
+    reasons, faults = bench.robot.module.Refused, []
     for name in ("q0", "translation_stiffness", "rotation_stiffness"):
         controller = bench.controller()
-        wrong = np.array(q if name == "q0" else bench.spring[name])
+        wrong = np.array(bench.q if name == "q0" else bench.spring[name])
         wrong.flat[0] = np.nan
         out = bench.rest(controller, **{name: wrong})
-        refused = out.refusal is not None and out.refusal.reason == module.Refused.NOT_FINITE
-        if not refused or not bench.status(out, "COMMAND_REFUSED") or not np.isfinite(out.torque).all() or out.fault:
+        is_refused = out.refusal is not None and out.refusal.reason == reasons.NOT_FINITE
+        if not is_refused or not bench.status(out, "COMMAND_REFUSED") or not np.isfinite(out.torque).all() or out.fault:
             faults.append(f"NaN in {name} is not refused")
     return faults

@@ -110,24 +110,30 @@ def _same_gains(both: Pair, random: Random, chain: Chain) -> bool:
     """Compare splits of torques, and bounds on late work, with good and bad numbers."""
     n = len(chain.motor_coordinates)
     for _ in range(60):
-        # q, dq, q_des, dq_des, torque; stiffness and damping; limits of the gains
-        given: list[Any] = [_array(random.normal(size=n)) for _ in range(5)] + [
-            _array(random.normal(size=(n, n))) for _ in "ab"
-        ]
-        given += [_array(random.uniform(0.0, 2.0, n)) for _ in range(2)]
-        _spoil(random, 0.3, given[int(random.integers(9))])
+        given: dict[str, Any] = {
+            **{name: _array(random.normal(size=n)) for name in ("q", "dq", "q_des", "dq_des", "torque")},
+            **{name: _array(random.normal(size=(n, n))) for name in ("joint_stiffness", "damping")},
+            **{name: _array(random.uniform(0.0, 2.0, n)) for name in ("kp_limit", "kd_limit")},
+        }
+        names = list(given)
+        _spoil(random, 0.3, given[names[int(random.integers(len(names)))]])
         if random.random() < 0.1:
-            given[int(random.integers(9))] = None
-        results, hold = [], float(random.choice([0.01, 0.0, math.nan], p=[0.8, 0.1, 0.1]))
-        for each in both:
-            tau_ff, kp, kd = (_array(np.zeros(n)) for _ in range(3))
-            code = each.call("joint_gains", *given, tau_ff, kp, kd)
-            vectors = [*given[:3], tau_ff, kp, kd, given[7]]
-            work = each.call("late_work", *vectors, ctypes.c_double(hold), result=ctypes.c_double)
-            results.append((code, bytes(tau_ff), bytes(kp), bytes(kd), repr(work)))
+            given[names[int(random.integers(len(names)))]] = None
+        hold = float(random.choice([0.01, 0.0, math.nan], p=[0.8, 0.1, 0.1]))  # [s]
+        results = [_gains_of(each, n, given, hold) for each in both]
         if results[0] != results[1]:
             return False
     return True
+
+
+def _gains_of(companions: Companions, n: int, given: dict[str, Any], hold: float) -> tuple[object, ...]:
+    """Return error, tau_ff, kp and kd (n) of a split, and the late work of these gains; ``given`` are its arguments."""
+    tau_ff, kp, kd = (_array(np.zeros(n)) for _ in range(3))
+    code = companions.call("joint_gains", *given.values(), tau_ff, kp, kd)
+    # q, q_des, dq_des and the velocity limit of the late work: any vectors serve
+    vectors = [given["q"], given["dq"], given["q_des"], tau_ff, kp, kd, given["kp_limit"]]
+    work = companions.call("late_work", *vectors, ctypes.c_double(hold), result=ctypes.c_double)
+    return code, bytes(tau_ff), bytes(kp), bytes(kd), repr(work)
 
 
 def _same_postures(both: Pair, random: Random, chain: Chain) -> bool:
@@ -136,16 +142,18 @@ def _same_postures(both: Pair, random: Random, chain: Chain) -> bool:
     for _ in range(20):
         pose, tool = (_array(random_poses(random, tips, size)) for size in (0.5, 0.1))
         start, low = random.normal(size=n), -random.uniform(0.5, 3.0, n)
-        bounds = (_array(low), _array(low + random.uniform(-0.1, 5.0, n))) if random.random() < 0.5 else (None, None)
+        lower = upper = None
+        if random.random() < 0.5:  # bounds, some in the wrong order
+            lower, upper = _array(low), _array(low + random.uniform(-0.1, 5.0, n))
         begin = _array(start)
         _spoil(random, 0.2, pose)
         _spoil(random, 0.1, begin)
-        found = [_array(np.zeros(n)) for _ in both]
-        codes = [
-            each.call("find_posture", pose, tool, begin, *bounds, result)
-            for each, result in zip(both, found, strict=True)
-        ]
-        if codes[0] != codes[1] or bytes(found[0]) != bytes(found[1]):
+        results = []
+        for each in both:
+            found = _array(np.zeros(n))
+            code = each.call("find_posture", pose, tool, begin, lower, upper, found)
+            results.append((code, bytes(found)))
+        if results[0] != results[1]:
             return False
     return True
 
@@ -166,14 +174,15 @@ class _Stream:
         _spoil(random, 0.1, poses)
         _spoil(random, 0.1, q)
         now = ctypes.c_double(float(random.choice(_BAD)) if random.random() < 0.1 else self.now)
-        results: list[object] = []
         for each in both:
             each.call("policy_default_config", "policy_config")
             if self.follows:
                 each.call("follow_default_config", "follow_config")
                 each.structs["follow_config"].sample_time = 1e-3
-        for part in ("policy_config", "follow_config") if self.follows else ("policy_config",):
-            self._change_settings(both, part)
+        self._change_settings(both, "policy_config")
+        if self.follows:
+            self._change_settings(both, "follow_config")
+        results: list[object] = []
         for each in both:
             code = each.call("policy_start", "policy_state", "policy_config", poses, now)
             follow = each.call("follow_init", "follow_config", "follow_state", q) if self.follows else 0
@@ -184,9 +193,9 @@ class _Stream:
         parts = [part for part in each.structs if part.startswith(("policy", "follow"))]
         return each.bits(*parts)
 
-    def _change_settings(self, both: Pair, part: str) -> None:
-        """Change some fields of a configuration, in one struct, and copy it."""
-        config = both[0].structs[part]
+    def _change_settings(self, both: Pair, struct: str) -> None:
+        """Multiply some fields of a configuration, or one entry of an array, and give both builds the same struct."""
+        config = both[0].structs[struct]
         for name, kind in config._fields_:
             if self.random.random() < 0.2:
                 share = float(self.random.choice(_SHARES))
@@ -195,7 +204,7 @@ class _Stream:
                 else:
                     array = getattr(config, name)
                     array[int(self.random.integers(len(array)))] *= share
-        ctypes.memmove(ctypes.byref(both[1].structs[part]), ctypes.byref(config), ctypes.sizeof(config))
+        _copy_struct(both, struct)
 
     def step(self, both: Pair) -> bool:
         """Propose and command at the next time, and follow; return whether all structs are the same."""
@@ -203,17 +212,16 @@ class _Stream:
         # [s] mostly a cycle; sometimes a pause, or backwards
         self.now += float(random.choice([1e-3, 0.02, 0.1, 0.4, 3.0, -0.01], p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05]))
         now = ctypes.c_double(self.now if random.random() > 0.3 * self.lies else float(random.choice(_BAD)))
-        proposed = random.random() < 0.5
-        if proposed:
+        has_proposal = random.random() < 0.5
+        if has_proposal:
             self._propose(both[0].structs["policy_proposal"])
-            source, target = (ctypes.byref(each.structs["policy_proposal"]) for each in both)
-            ctypes.memmove(target, source, ctypes.sizeof(both[0].structs["policy_proposal"]))
+            _copy_struct(both, "policy_proposal")
             if self.follows and self.tips > 1:
                 self._hold(both)
         results: list[object] = []
         for each in both:
-            code = each.call("policy_propose", "policy_state", "policy_proposal", now) if proposed else 0
-            codes = [code, each.call("policy_command", "policy_state", now, "policy_output")]
+            codes = [each.call("policy_propose", "policy_state", "policy_proposal", now) if has_proposal else 0]
+            codes.append(each.call("policy_command", "policy_state", now, "policy_output"))
             if self.follows:
                 fill(each.structs["follow_input"].pose, each.structs["policy_output"].pose)
                 codes.append(each.call("follow_step", "follow_state", "follow_input", "follow_output"))
@@ -245,24 +253,32 @@ class _Stream:
         _spoil(random, self.lies, getattr(proposal, str(random.choice(arrays))))
 
     def _stiffness(self, size: float) -> FloatArray:
-        """Return stiffnesses, some of them singular, asymmetric or too large."""
+        """Return stiffnesses (tips, 3, 3), some of them singular, asymmetric or too large."""
         random, matrices = self.random, np.zeros((self.tips, 3, 3))
         for matrix in matrices:
-            root = random.normal(size=(3, int(random.integers(1, 4)))) * 10.0 ** random.uniform(-1.0, 0.6)
-            # of rank 1 to 3, with large entries at times; every other one diagonal, with a 0
-            matrix[:] = size * root @ root.T * random.choice([np.ones((3, 3)), np.diag([1.0, 2.0, 0.0])])
+            rank = int(random.integers(1, 4))
+            root = random.normal(size=(3, rank)) * 10.0 ** random.uniform(-1.0, 0.6)  # with large entries at times
+            matrix[:] = size * root @ root.T
+            matrix *= random.choice([np.ones((3, 3)), np.diag([1.0, 2.0, 0.0])])  # every other one diagonal, with a 0
             if random.random() < 0.5 * self.lies:
                 row, column = random.integers(3, size=2)
                 matrix[row, column] += random.choice([1e-9, 1e-3, -1e-3, 1.0]) * abs(matrix).max()
         return matrices
 
 
+def _copy_struct(both: Pair, name: str) -> None:
+    """Copy a struct of the reference's companions into that of the folder's."""
+    source, target = (each.structs[name] for each in both)
+    ctypes.memmove(ctypes.byref(target), ctypes.byref(source), ctypes.sizeof(source))
+
+
 def random_poses(random: Random, tips: int, size: float) -> FloatArray:
     """Return poses with any turn, some of half a turn or roughly a rotation; ``size`` [m] of their distance."""
     poses = np.zeros((tips, 4, 4))
     for pose in poses:
-        turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
-        pose[:3, :3] = turn * np.linalg.det(turn) if random.random() < 0.8 else np.diag([1.0, -1.0, -1.0])
+        orthogonal, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        turn = orthogonal * np.linalg.det(orthogonal)  # of determinant 1: a reflection changes its sign
+        pose[:3, :3] = turn if random.random() < 0.8 else np.diag([1.0, -1.0, -1.0])
         pose[:3, :3] *= random.choice([1.0, 1.0 + 1e-4, 1.0 + 1e-3, 0.99], p=[0.7, 0.1, 0.1, 0.1])
         pose[:3, 3], pose[3, 3] = size * random.normal(size=3), 1.0
     return poses

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.control.core.field import Field
+from stiffgen.control.sessions.events import choose_commands, choose_stiffness, choose_troubles
 from stiffgen.control.sessions.library import ControllerLibrary, fill, is_same, set_field
 from stiffgen.control.sessions.spoilers import SPOILERS
 from stiffgen.core.robot.chain import Chain
@@ -24,6 +25,14 @@ _RANGES = {
 """Powers of ten between which fields lie whose default is 0 or infinite."""
 _TANK = (-3.0, 1.5)
 """Powers of ten [J] of a tank that is stated."""
+_COUNTER, _TIME = 1, 2
+"""Clocks of a call, NAME_CLOCK_...: numbers of the sample times, or seconds."""
+_COPIES = 6
+"""Copies, n doubles each, with which a state begins: three of the last torque, then three of its largest change."""
+_OVERWRITTEN = 40
+"""Doubles per joint from the state's beginning, among which one is overwritten."""
+_LARGEST_STEP, _FASTEST = 0.02, 20.0
+"""Largest step of the simulated arm [s], and its largest velocity [rad/s or m/s]."""
 Random = np.random.Generator
 
 
@@ -36,6 +45,10 @@ class HostileSession:
 
     steps = 400
     """Number of steps."""
+    stiffness: FloatArray
+    """Translational and rotational stiffness of the springs, (2, springs, 3, 3)."""
+    posture: FloatArray
+    """Stiffness of the posture spring (n) [N m/rad]."""
 
     def __init__(self, reference: ControllerLibrary, library: ControllerLibrary, chain: Chain, random: Random) -> None:
         """Draw a session: calm or wild, its configuration, and where the arm starts within its limits."""
@@ -46,11 +59,16 @@ class HostileSession:
         self.lower, self.upper = np.array([c.range_within(r) for c, r in zip(motors, reach, strict=True)]).T
         self.calm = random.random() < 0.6
         self._configure()
-        place = random.choice([0.5, 0.98, 0.02, 1.0]) if random.random() < 0.4 else random.uniform(0.1, 0.9, self.n)
-        self.q = self.lower + (self.upper - self.lower) * place
+        self.q = self.lower + (self.upper - self.lower) * self._drawn_place()
         self.dq, self.load = np.zeros(self.n), np.zeros(self.n)
         self.quantum = float(self.config.position_quantum)
-        self._start()
+        self.start()
+
+    def _drawn_place(self) -> FloatArray:
+        """Return shares (n) of the joints' ranges: all joints in the middle or near a limit, or each anywhere else."""
+        if self.random.random() < 0.4:
+            return np.full(self.n, self.random.choice([0.5, 0.98, 0.02, 1.0]))
+        return self.random.uniform(0.1, 0.9, self.n)
 
     def _configure(self) -> None:
         """Take the defaults, and change fields at random."""
@@ -62,13 +80,13 @@ class HostileSession:
         self.inertia = np.array(config.motor_inertia) + random.uniform(0.2, 2.0, self.n)
         for field in self.both[0].fields:
             if field.name not in _CHOSEN_APART and random.random() < (0.15 if self.calm else 0.35):
-                self._vary(field)
+                self.vary(field)
         if random.random() < 0.5:
             config.tank_initial = 10.0 ** random.uniform(*_TANK)
         if self.chain.runtime_tool:
             fill(config.tool_pose, np.stack([_pose(random, 0.1) for _ in self.chain.tips]))
 
-    def _vary(self, field: Field) -> None:
+    def vary(self, field: Field) -> None:
         """Change a field of the configuration within its own rule; rules about several fields may refuse the result.
 
         A field over joints gets one value and a share of it per joint.
@@ -87,148 +105,72 @@ class HostileSession:
         if field.shape == ("n",):
             fill(getattr(self.config, field.name), value * self.random.uniform(0.5, 1.0, self.n))
 
-    def _start(self) -> None:
+    def start(self) -> None:
         """Initialise both controllers, with the arm inside its limits, sometimes with a torque in force."""
         random = self.random
+        effort = np.array(self.config.effort_limit)
         self.q = np.clip(self.q, np.array(self.config.lower_limit), np.array(self.config.upper_limit))
         torque = None
         if random.random() < 0.3:
-            values = random.uniform(-0.2, 0.2, self.n) * np.array(self.config.effort_limit)
-            torque = (ctypes.c_double * self.n)(*values)
+            torque = (ctypes.c_double * self.n)(*(random.uniform(-0.2, 0.2, self.n) * effort))
         for each in self.both:
-            ctypes.memset(each.state, 0, ctypes.sizeof(each.state))
-            ctypes.memset(ctypes.byref(each.output), 0, ctypes.sizeof(each.output))
-            ctypes.memset(ctypes.byref(each.input), 0, ctypes.sizeof(each.input))
-        self._initialise(torque)
-        self.ticks = int(random.integers(0, 2**32))
-        self.goal = self.q + 0.0
-        self.absent = self.held = self.stuck = 0
+            for memory in (each.state, each.output, each.input):
+                ctypes.memset(ctypes.byref(memory), 0, ctypes.sizeof(memory))
+        self.initialise(torque)
+        self.ticks = int(random.integers(0, 2**32))  # number of the sample time; C's counter is that modulo 2^32
+        self.absent = 0  # samples that are still to be lost
+        self.held = 0  # steps for which an obstacle still holds the arm
+        self.stuck, self.stuck_field = 0, "q"  # samples that still repeat old values, of q or dq
+        self.goal, self.rate = self.q + 0.0, np.zeros(self.n)  # command, and its velocity [rad/s or m/s]
+        self.shaped, self.stated = 0, np.zeros(self.n)  # acceleration that a plan states [rad/s^2 or m/s^2]
         self.pressed = np.zeros(len(self.input.wrench_command))
         share = random.choice([0.0, 0.2])  # a torque in force at the start is the caller's as far as it is offset
-        self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
-        self.rate, self.stated = np.zeros(self.n), np.zeros(self.n)
-        self.stuck_field, self.shaped = "q", 0
-        self.clock = 2 if random.random() < 0.3 else 1
-        self._choose_stiffness()
+        self.offset = random.normal(size=self.n) * effort * share
+        self.clock = _TIME if random.random() < 0.3 else _COUNTER
+        choose_stiffness(self)
 
-    def _initialise(self, torque: Any) -> int:
+    def switch_clock(self) -> None:
+        """Give the calls the other clock."""
+        self.clock = _TIME if self.clock == _COUNTER else _COUNTER
+
+    def initialise(self, torque: Any) -> int:
         """Initialise both controllers with the reference's configuration and a torque in force; return the error."""
         _copy(self.config, self.both[1].config)
         errors = [each.call("init", each.config, each.state, torque) for each in self.both]
         return errors[0]
 
-    def _choose_stiffness(self) -> None:
-        """Choose translational and rotational stiffness of the springs, (2, springs, 3, 3), and of the posture.
-
-        One in ten is not positive.
-        """
-        random = self.random
-        roots = random.normal(size=(2, len(self.input.rotation_stiffness) // 9, 3, 3))
-        scale = np.array([500.0, 20.0]) * 10.0 ** random.uniform(-1.5, 0.5)  # [N/m], [N m/rad]
-        self.stiffness = (roots @ np.swapaxes(roots, 2, 3) / 3) * scale[:, None, None, None]
-        self.posture = random.uniform(0.0, 1.0, self.n) * 10.0 ** random.uniform(-1.0, 2.0) * random.integers(0, 2)
-        if random.random() < 0.1:
-            self.stiffness[:, :, 0, 0] *= -1.0
-
-    def _choose_plan(self) -> None:
-        """Choose the rate of the goal, and the acceleration that the plan states: some, or none."""
-        random, limit = self.random, np.nan_to_num(np.array(self.config.velocity_limit))
-        self.rate = random.uniform(-0.3, 0.3, self.n) * limit * random.integers(0, 2)
-        self.shaped = int(random.integers(0, 2))
-        share = random.choice([0.0, 0.01, 0.3, 1.0], p=[0.4, 0.3, 0.2, 0.1])
-        self.stated = share * random.uniform(-3.0, 3.0, self.n) * limit / max(self.config.ramp_time, 1e-4)
-
     def find_difference(self) -> int | None:
         """Run the session; return the number of the first step whose results differ, or None."""
-        different = next((number for number in range(self.steps) if not self.step(number)), None)
-        if different is None and bytes(self.both[0].state) != bytes(self.both[1].state):  # memory behind the state
-            return self.steps
-        return different
+        for number in range(self.steps):
+            if not self.step(number):
+                return number
+        reference, library = self.both
+        has_same_memory = bytes(reference.state) == bytes(library.state)  # also behind the state
+        return None if has_same_memory else self.steps
 
     def step(self, number: int) -> bool:
         """Step both controllers once; return whether all their outputs are the same."""
-        self._choose_events(number)
+        choose_commands(self, number)
+        choose_troubles(self)
         self._write_input()
         self._spoil_sample()
         _copy(self.input, self.both[1].input)
         if self.random.random() < (0.001 if self.calm else 0.006):
             self._overwrite_state()
-        results = [each.call("step", each.state, each.input, each.output) for each in self.both]
+        errors = [each.call("step", each.state, each.input, each.output) for each in self.both]
         if self.held > 0:  # by an obstacle
             self.held, self.dq = self.held - 1, np.zeros(self.n)
         else:
             self._move()
-        texts: list[tuple[object, ...]] = [(), ()]
-        if self.output.fault or self.output.refusal or number == 0:
-            size = int(self.random.choice([512, 512, 40, 1, 0]))
-            texts = [(each.fault_text(size), each.refusal_text(size)) for each in self.both]
-        return results[0] == results[1] and texts[0] == texts[1] and is_same(*self.both)
+        has_texts = self.output.fault or self.output.refusal or number == 0
+        has_same_texts = not has_texts or self._has_same_texts()
+        return errors[0] == errors[1] and has_same_texts and is_same(*self.both)
 
-    def _choose_events(self, number: int) -> None:
-        """Change commands and stiffness; load, reset, reconfigure, hold the arm, start again."""
-        self._choose_commands(number)
-        self._choose_troubles()
-
-    def _choose_commands(self, number: int) -> None:
-        """Change goal, stiffness, wrench, torque offset or plan, each with a probability of 1 or 2 % per sample."""
-        random = self.random
-        if number == 5 or random.random() < 0.01:
-            self.goal = self.q + random.normal(size=self.n) * 10.0 ** random.uniform(-3, -0.5 if self.calm else 0)
-        if random.random() < 0.02:
-            self.goal = self.goal + random.normal(size=self.n) * 1e-3
-        if random.random() < 0.01:
-            self._choose_stiffness()
-        if random.random() < 0.02:
-            size = np.repeat(self.config.heaviest_wrench, 3) * random.choice([0.0, 0.1, 0.7])
-            self.pressed = (random.uniform(-1.0, 1.0, (len(self.pressed) // 6, 6)) * size).ravel()
-        if random.random() < 0.01:
-            share = random.choice([0.0, 0.01, 0.2, 0.9])
-            self.offset = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
-        if random.random() < 0.02:
-            self._choose_plan()
-
-    def _choose_troubles(self) -> None:
-        """Let a load, a reset, another configuration, an obstacle or a clock's restart happen, each rarely."""
-        random, rate = self.random, 0.15 if self.calm else 1.0
-        if random.random() < 0.03 * rate:
-            share = 0.02 if self.calm else random.choice([0, 0.3])
-            self.load = random.normal(size=self.n) * np.array(self.config.effort_limit) * share
-        if random.random() < (0.08 if self.output.fault else 0.01):
-            for each in self.both:
-                each.call("reset", each.state)
-        if random.random() < (0.003 if self.calm else 0.006):
-            self._change_config()
-        if random.random() < 0.004 * rate:
-            self.clock = 3 - self.clock
-        if random.random() < 0.004:  # an obstacle holds the arm, perhaps far from the goal
-            self.held = int(random.integers(5, 80))
-            self.goal = self.goal + random.normal(size=self.n) * random.choice([0.0, 1.0])
-        if random.random() < 0.003 * rate:  # the robot's clock starts again
-            self.ticks -= int(random.integers(2, 2000))
-        if random.random() < (0.05 if self.output.fault else 0.001 * rate):
-            self.dq = 0.1 * self.dq
-            self._start()
-
-    def _change_config(self) -> None:
-        """Begin anew with the torque in force and one field changed, now and then to a value that is refused.
-
-        Of the refused ones one in five stays: the state is then none, until another start.
-        """
-        random, before, fields = self.random, bytes(self.config), self.both[0].fields
-        field = fields[int(random.integers(len(fields)))]
-        if field.name in ("lower_limit", "upper_limit"):
-            outwards = -1.0 if field.name == "lower_limit" else 1.0
-            fill(getattr(self.config, field.name), self.q + outwards * random.uniform(-0.2, 0.6, self.n))
-        elif field.name == "tool_pose":
-            self.config.tool_pose[3] += 0.01 if random.random() < 0.8 else math.nan
-        elif random.random() < 0.2:
-            set_field(self.config, field, math.nan if field.type == "double" else -1, int(random.integers(self.n)))
-        else:
-            self._vary(field)
-        torque = (ctypes.c_double * self.n)(*self.output.torque)
-        if self._initialise(torque) != 0 and random.random() < 0.8:
-            ctypes.memmove(ctypes.byref(self.config), before, len(before))
-            self._initialise(torque)
+    def _has_same_texts(self) -> bool:
+        """Return whether both put out the same texts of fault and refusal, in memory that may be too short."""
+        size = int(self.random.choice([512, 512, 40, 1, 0]))
+        reference, library = ((each.fault_text(size), each.refusal_text(size)) for each in self.both)
+        return reference == library
 
     def _write_input(self) -> None:
         """Write a good sample and a command into the reference's input; now and then the command is refused."""
@@ -261,57 +203,61 @@ class HostileSession:
     def _spoil_sample(self) -> None:
         """Sometimes omit, repeat, skip or falsify samples and commands.
 
-        At most one of the single events happens: each has the probability of its interval of ``event``, an eighth of
-        it in a calm session.
+        A sample that is not lost has at most one of the single events: each has the probability of its interval of
+        ``event``, an eighth of it in a calm session.
         """
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.n))
         bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
-        if not self._is_lost():
-            spoil = next((each for most, each in SPOILERS if event < most), None)
-            if spoil is not None:
-                spoil(self, given, joint, bad)
+        self._begin_gap()
+        if self.stuck > 0:
+            self.stuck -= 1
+            fill(getattr(given, self.stuck_field), self.stuck_values)
+        if self.absent > 0:
+            self._lose_sample()
+            return
+        spoil = next((each for end, each in SPOILERS if event < end), None)
+        if spoil is not None:
+            spoil(self, given, joint, bad)
 
-    def _is_lost(self) -> bool:
-        """Repeat a sample where values are stuck; return whether the sample is lost."""
-        random, given = self.random, self.input
+    def _begin_gap(self) -> None:
+        """Sometimes let samples be lost from now on, or let positions or velocities be stuck at those of this one."""
+        random = self.random
         if random.random() < 0.004:
             self.absent = int(random.integers(1, 30))
         if random.random() < 0.003:
             self.stuck, self.stuck_field = int(random.integers(5, 80)), str(random.choice(["q", "dq"]))
-            self.stuck_values = np.array(getattr(given, self.stuck_field))
-        if self.stuck > 0:
-            self.stuck -= 1
-            fill(getattr(given, self.stuck_field), self.stuck_values)
-        if self.absent == 0:
-            return False
+            self.stuck_values = np.array(getattr(self.input, self.stuck_field))
+
+    def _lose_sample(self) -> None:
+        """Take the sample away; sometimes calls are left out, too."""
         self.absent -= 1
-        given.sample_valid = 0
-        if random.random() < 0.1:  # calls are left out, too
-            self.ticks += int(random.integers(1, 6))
+        self.input.sample_valid = 0
+        if self.random.random() < 0.1:
+            self.ticks += int(self.random.integers(1, 6))
             self.write_clock()
-        return True
 
     def _overwrite_state(self) -> None:
-        """Overwrite the same bytes of both states, such as a copy of the last torque, or two of the three.
-
-        A state begins with copies, n doubles each: three of the last torque, then three of its largest change.
-        """
+        """Overwrite the same number of both states, or the same one in two of the last torque's three copies."""
         random, n = self.random, self.n
-        place = int(random.integers(6 * n)) if random.random() < 0.7 else int(random.integers(6 * n, 40 * n))
-        twice = place < n and random.random() < 0.3
-        value = random.choice([math.nan, math.inf, 1e300]) if twice else None
+        is_copy = random.random() < 0.7
+        place = int(random.integers(_COPIES * n) if is_copy else random.integers(_COPIES * n, _OVERWRITTEN * n))
+        if place < n and random.random() < 0.3:  # the wrong number has the majority
+            value = random.choice([math.nan, math.inf, 1e300])
+            for each in self.both:
+                each.state[place] = each.state[place + n] = value
+            return
         for each in self.both:
-            for number in (place, place + n) if twice else (place,):
-                each.state[number] = each.state[number] * 1.5 + 0.125 if value is None else value
+            each.state[place] = each.state[place] * 1.5 + 0.125
 
     def _move(self) -> None:
         """Move arm and goal for one sample time: the controller's torque, a load, friction and diagonal inertia."""
-        time = min(float(self.config.sample_time), 0.02) if self.config.sample_time > 0 else 1e-3
+        time = min(float(self.config.sample_time), _LARGEST_STEP) if self.config.sample_time > 0 else 1e-3
         self.goal = self.goal + time * self.rate
         torque = finite(np.array(self.output.torque))
-        self.dq = self.dq + time * (torque + self.load - 2.0 * self.dq) / self.inertia
-        self.dq = finite(self.dq).clip(-20.0, 20.0)
+        friction = 2.0 * self.dq  # [N m] at 2 N m s/rad
+        self.dq = self.dq + time * (torque + self.load - friction) / self.inertia
+        self.dq = finite(self.dq).clip(-_FASTEST, _FASTEST)
         self.q = self.q + time * self.dq
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,41 @@ Pairs = Sequence[tuple[int, int]]
 DEFAULT = Placement()
 PERIOD = 1e-3
 """Sample time [s] of all comparisons."""
+_STEP = 1e-3
+"""Step [m or rad] of the differences, which are of fourth order."""
+_AHEAD, _TREND_TIME, _SLOW = 0.09, 0.01, 0.02
+"""Friction: time [s] that a braking reference is looked ahead, time constant [s] of the trend, and speed [rad/s] from
+which on friction has its full size."""
+_LARGEST_DAMPING, _DELAYED_DAMPING = 0.25, 0.75
+"""Largest eigenvalue of M^-1 B T, and that times 1 + delay."""
+_LARGEST_STIFFNESS, _LEAST_RATIO = 0.0625, 0.25
+"""Largest eigenvalue of M^-1 K T^2 (1 + 2 delay), and damping ratio that the largest damping leaves there."""
+_JOINT_DAMPING = 0.1
+"""Damping of each joint [N m s/rad], whatever the springs."""
+_ZONE = 0.1
+"""Width of a limit zone [rad or m], and as a share of a short range."""
+
+
+class SpringArguments(NamedTuple):
+    """Arguments of :func:`potential` after q, in its order: the springs, and where they rest.
+
+    Attributes:
+        equilibrium: poses of the tips at which their springs rest.
+        posture: joint positions at which the posture spring rests (n) [rad or m].
+        Kt, Ko: translational [N/m] and rotational [N m/rad] stiffnesses in the order of :func:`energy_of_all`.
+        k: stiffness of the posture spring, one number or (n) [N m/rad].
+        placement: axes and centre of the tips' springs.
+        pairs: tips of each pair with springs.
+
+    """
+
+    equilibrium: Any
+    posture: Any
+    Kt: Any
+    Ko: Any
+    k: Any
+    placement: Placement = DEFAULT
+    pairs: Pairs = ()
 
 
 def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> float:
@@ -34,14 +69,16 @@ def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement =
     placement's axes.
     """
     centre = np.array(placement.centre)
-    axes = {"base": np.eye(3), "tip": pose[:3, :3], "equilibrium": equilibrium[:3, :3]}
-    e = (pose[:3, 3] + pose[:3, :3] @ centre) - (equilibrium[:3, 3] + equilibrium[:3, :3] @ centre)
+    turn, turn_at_rest = pose[:3, :3], equilibrium[:3, :3]
+    axes = {"base": np.eye(3), "tip": turn, "equilibrium": turn_at_rest}
+    e = (pose[:3, 3] + turn @ centre) - (equilibrium[:3, 3] + turn_at_rest @ centre)
     e = axes[placement.translation_axes or "base"].T @ e
-    R = equilibrium[:3, :3].T @ pose[:3, :3]
+    R = turn_at_rest.T @ pose[:3, :3]
+    # w = u sin a, first in the equilibrium's axes: R - R^T = 2 sin a [u]
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    w = axes[placement.rotation_axes].T @ equilibrium[:3, :3] @ w
+    w = axes[placement.rotation_axes].T @ turn_at_rest @ w
     cosine = (np.trace(R) - 1) / 2
-    # (1 - cos a) u^T Ko u = w^T Ko w / (1 + cos a), without dividing by a small sine
+    # (1 - cos a) u^T Ko u = w^T Ko w / (1 + cos a), as sin^2 a = (1 - cos a) (1 + cos a): no division by a small sine
     return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
 
 
@@ -62,57 +99,78 @@ def pair_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> flo
 
 def absolute_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> float:
     """Return the energy [J] of the absolute spring of tips at poses a and b: the middle, and half on each rotation."""
-    e = (a[:3, 3] + b[:3, 3] - rests[0][:3, 3] - rests[1][:3, 3]) / 2
-    rest = np.linalg.inv(rests[0]) @ rests[1]
-    seen = np.array(b, dtype=float)
-    seen[:3, :3] = b[:3, :3] @ rest[:3, :3].T
-    none = np.zeros((3, 3))
-    halves = (energy(pose, rests[0], none, Ko) / 2 for pose in (a, seen))
+    e = (a[:3, 3] + b[:3, 3] - rests[0][:3, 3] - rests[1][:3, 3]) / 2  # displacement of the middle [m]
+    turn_at_rest = (np.linalg.inv(rests[0]) @ rests[1])[:3, :3]  # of B in A
+    b_as_a = np.array(b, dtype=float)  # B's turn as one of A: the identity from A where B is turned as at rest
+    b_as_a[:3, :3] = b[:3, :3] @ turn_at_rest.T
+    no_translation = np.zeros((3, 3))
+    halves = (energy(pose, rests[0], no_translation, Ko) / 2 for pose in (a, b_as_a))
     return float(e @ Kt @ e / 2) + sum(halves)
 
 
 def energy_of_all(
     poses: Any, equilibria: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT, pairs: Pairs = ()
 ) -> float:
-    """Return the energy [J] of all springs: poses, equilibria (tips, 4, 4), stiffnesses in the controller's order."""
-    tips = np.reshape(poses, (-1, 4, 4)), np.reshape(equilibria, (-1, 4, 4))
+    """Return the energy [J] of all springs.
+
+    Args:
+        poses: poses of the tips, (4, 4) or (tips, 4, 4).
+        equilibria: poses at which the springs rest, of the same shape.
+        Kt: translational stiffnesses [N/m], (3, 3) or (tips + 2 pairs, 3, 3): those of the tips, then those of the
+            pairs, then those of the pairs' absolute springs. This is the controller's order.
+        Ko: rotational stiffnesses [N m/rad] in this order.
+        placement: axes and centre of the tips' springs.
+        pairs: tips of each pair with springs.
+
+    """
+    at, rest = np.reshape(poses, (-1, 4, 4)), np.reshape(equilibria, (-1, 4, 4))
     stiffness = list(zip(np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)), strict=True))
-    count = len(tips[0])
-    of_tips = zip(*tips, stiffness[:count], strict=True)
-    whole = sum((energy(pose, rest, *K, placement) for pose, rest, K in of_tips), 0.0)
-    for k, (i, j) in enumerate(pairs):
-        rests = tips[1][i], tips[1][j]
-        whole += pair_energy(tips[0][i], tips[0][j], rests, *stiffness[count + k])
-        whole += absolute_energy(tips[0][i], tips[0][j], rests, *stiffness[count + len(pairs) + k])
+    absolute = len(at) + len(pairs)  # number of the first absolute spring
+    of_tips, of_pairs = stiffness[: len(at)], stiffness[len(at) : absolute]
+    of_absolute = stiffness[absolute : absolute + len(pairs)]
+    tips = zip(at, rest, of_tips, strict=True)
+    whole = sum((energy(pose, equilibrium, *K, placement) for pose, equilibrium, K in tips), 0.0)
+    for (i, j), K, K_absolute in zip(pairs, of_pairs, of_absolute, strict=True):
+        rests = rest[i], rest[j]
+        whole += pair_energy(at[i], at[j], rests, *K)
+        whole += absolute_energy(at[i], at[j], rests, *K_absolute)
     return whole
 
 
 def wrench(energy_at: Callable[[FloatArray], float], pose: Any) -> FloatArray:
     """Return the gradient [N, N m] of an energy of a tip's pose, hybrid axes, by differences along the unit twists."""
-    h, result = 1e-3, np.empty(6)
+    result = np.empty(6)
     for k in range(6):
-        values = []
-        for step in (h, -h, 2 * h, -2 * h):
-            moved = np.array(pose, dtype=float)
-            if k < 3:
-                moved[k, 3] += step
-            else:
-                i, j = [(1, 2), (2, 0), (0, 1)][k - 3]  # axes that turn about axis k - 3
-                turn = np.eye(3)
-                turn[i, i] = turn[j, j] = np.cos(step)
-                turn[j, i], turn[i, j] = np.sin(step), -np.sin(step)
-                moved[:3, :3] = turn @ moved[:3, :3]
-            values.append(energy_at(moved))
-        result[k] = (8 * (values[0] - values[1]) - (values[2] - values[3])) / (12 * h)
+        near, far = (energy_at(_moved(pose, k, s * _STEP)) - energy_at(_moved(pose, k, -s * _STEP)) for s in (1, 2))
+        result[k] = _slope(near, far)
     return result
+
+
+def _moved(pose: Any, k: int, step: float) -> FloatArray:
+    """Return a pose after a step along hybrid twist k: along base axis k [m], or about base axis k - 3 [rad]."""
+    moved = np.array(pose, dtype=float)
+    if k < 3:
+        moved[k, 3] += step
+        return moved
+    i, j = [(1, 2), (2, 0), (0, 1)][k - 3]  # the two axes that turn about axis k - 3, the first one towards the second
+    turn = np.eye(3)
+    turn[i, i] = turn[j, j] = np.cos(step)
+    turn[j, i], turn[i, j] = np.sin(step), -np.sin(step)
+    moved[:3, :3] = turn @ moved[:3, :3]
+    return moved
+
+
+def _slope(near: Any, far: Any) -> Any:
+    """Return df/dx up to h^4 from near = f(x + h) - f(x - h) and far = f(x + 2h) - f(x - 2h), with h = ``_STEP``."""
+    return (8 * near - far) / (12 * _STEP)
 
 
 def differences(function: Callable[[FloatArray], Any], q: FloatArray) -> FloatArray:
     """Return the derivative of a function with respect to each joint position, (n, *shape of its value)."""
-    h, rows = 1e-3, []
-    for step in h * np.eye(len(q)):
+    rows = []
+    for step in _STEP * np.eye(len(q)):
         near, far = (np.asarray(function(q + s * step)) - function(q - s * step) for s in (1, 2))
-        rows.append((8 * near - far) / (12 * h))
+        rows.append(_slope(near, far))
     return np.array(rows)
 
 
@@ -122,17 +180,22 @@ def wrench_torque(poses: Poses, q: FloatArray, wrenches: Any, pairs: Pairs = ())
     A tip's is in hybrid axes; a pair's acts on B, in the axes of A, and its reaction on A.
     """
     here = np.reshape(poses(q), (-1, 4, 4))
-    slopes = np.reshape(differences(poses, q), (len(q), -1, 4, 4))  # dH/dq_i of each tip
-    turns = slopes[..., :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)
-    spins = np.stack([turns[..., 2, 1], turns[..., 0, 2], turns[..., 1, 0]], axis=-1)
-    twists = np.concatenate([slopes[..., :3, 3], spins], axis=-1)  # hybrid Jacobians, (n, tips, 6)
     given = np.reshape(wrenches, (-1, 6))
-    tips = np.array(given[: len(here)], dtype=float)
-    for (i, j), F in zip(pairs, given[len(here) :], strict=True):
-        f, m = here[i, :3, :3] @ F[:3], here[i, :3, :3] @ F[3:]
-        tips[j] += np.concatenate([f, m])
-        tips[i] -= np.concatenate([f, m + np.cross(here[j, :3, 3] - here[i, :3, 3], f)])
-    return np.asarray((twists * tips).sum(axis=(1, 2)))
+    on_tips = np.array(given[: len(here)], dtype=float)
+    for (a, b), F in zip(pairs, given[len(here) :], strict=True):
+        force, moment = here[a, :3, :3] @ F[:3], here[a, :3, :3] @ F[3:]
+        lever = here[b, :3, 3] - here[a, :3, 3]  # the force acts at B's origin, its reaction's moment is about A's
+        on_tips[b] += np.concatenate([force, moment])
+        on_tips[a] -= np.concatenate([force, moment + np.cross(lever, force)])
+    return np.asarray((_tip_jacobians(poses, q, here) * on_tips).sum(axis=(1, 2)))
+
+
+def _tip_jacobians(poses: Poses, q: FloatArray, here: FloatArray) -> FloatArray:
+    """Return the transposed hybrid Jacobians (n, tips, 6) by differences, with the poses at q (tips, 4, 4)."""
+    slopes = np.reshape(differences(poses, q), (len(q), -1, 4, 4))  # dH/dq_i of each tip
+    spins = slopes[..., :3, :3] @ np.swapaxes(here[:, :3, :3], 1, 2)  # dR/dq_i R^T = [angular velocity per rate]
+    angular = np.stack([spins[..., 2, 1], spins[..., 0, 2], spins[..., 1, 0]], axis=-1)
+    return np.concatenate([slopes[..., :3, 3], angular], axis=-1)
 
 
 def potential(
@@ -152,7 +215,7 @@ def potential(
 
 
 def elastic_torque(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
-    """Return -dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` are its arguments after q."""
+    """Return -dU/dq [N m], (n), of :func:`potential` by differences; ``spring`` is a :class:`SpringArguments`."""
     return -differences(lambda at: potential(poses, at, *spring), q)
 
 
@@ -167,15 +230,22 @@ def friction_side(velocity: FloatArray, trend: FloatArray) -> FloatArray:
     They follow the reference's velocity (n) [rad/s], but one that brakes by what is left of it in 0.09 s. ``trend`` is
     that velocity behind a low-pass of 0.01 s.
     """
-    later = velocity + 9.0 * (velocity - trend)
+    # behind a low-pass of time constant t, the velocity lags by t times its slope: slope = (velocity - trend) / t
+    later = velocity + _AHEAD / _TREND_TIME * (velocity - trend)
+    # a velocity that grows counts as it is, one that changes its sign meanwhile as 0
     left = np.clip(later, np.minimum(velocity, 0.0), np.maximum(velocity, 0.0))
-    return np.asarray(np.clip(left / 0.02, -1.0, 1.0))
+    return np.asarray(np.clip(left / _SLOW, -1.0, 1.0))
 
 
 def coriolis(mass_matrix: Callable[[FloatArray], FloatArray], q: FloatArray, dq: FloatArray) -> FloatArray:
-    """Return the Coriolis and centrifugal forces [N m], (n), by differences of the mass matrix."""
-    slopes = differences(mass_matrix, q)  # dM/dq_k in row k
-    return np.asarray(np.einsum("kij,j,k->i", slopes, dq, dq) - np.einsum("kij,i,j->k", slopes, dq, dq) / 2)
+    """Return the Coriolis and centrifugal forces [N m], (n), by differences of the mass matrix.
+
+    They are dM/dt dq - d(dq^T M dq / 2)/dq: Lagrange's equations without acceleration and potential.
+    """
+    slopes = differences(mass_matrix, q)  # [k, i, j]: dM_ij/dq_k
+    momentum_rate = np.einsum("kij,j,k->i", slopes, dq, dq)
+    energy_gradient = np.einsum("kij,i,j->k", slopes, dq, dq) / 2
+    return np.asarray(momentum_rate - energy_gradient)
 
 
 @dataclass(frozen=True)
@@ -192,19 +262,25 @@ class Timing:
     @property
     def most_damping(self) -> float:
         """Largest eigenvalue of M^-1 B [1/s]."""
-        return min(0.25, 0.75 / (1 + self.delay)) / PERIOD
+        return min(_LARGEST_DAMPING, _DELAYED_DAMPING / (1 + self.delay)) / PERIOD
 
     @property
     def most_eigenvalue(self) -> float:
-        """Largest eigenvalue of M^-1 K [1/s^2] beside it."""
-        root = (np.sqrt(0.0625 + self.late * self.most_damping) - 0.25) / self.late
-        return float(min(0.0625 / (PERIOD**2 * (1 + 2 * self.delay)), root**2))
+        """Largest eigenvalue l of M^-1 K [1/s^2]: that of the sampled loop, and that which can still be damped.
+
+        With torques late by h, a damping ratio r takes b = 2 r sqrt(l) + h l: here the largest b, with the least r.
+        """
+        of_loop = _LARGEST_STIFFNESS / (PERIOD**2 * (1 + 2 * self.delay))
+        root = (np.sqrt(_LEAST_RATIO**2 + self.late * self.most_damping) - _LEAST_RATIO) / self.late  # sqrt(l)
+        return float(min(of_loop, root**2))
 
 
 def damping_torque(
     K: FloatArray, M: FloatArray, timing: Timing, slip: FloatArray, excess: FloatArray, ratio: float
 ) -> tuple[FloatArray, float]:
     """Return B slip with the brake (n) [N m], and the scale that the stiffest mode allows.
+
+    B = M V diag(b) V^T M + d 1, with the modes K v = l M v, V^T M V = 1, and a damping b for each.
 
     Args:
         K: tangent (n, n), symmetric.
@@ -215,24 +291,32 @@ def damping_torque(
         ratio: damping ratio of the modes.
 
     """
-    root = np.linalg.inv(np.linalg.cholesky(M))
+    root = np.linalg.inv(np.linalg.cholesky(M))  # root M root^T = 1
     values, vectors = np.linalg.eigh(root @ K @ root.T)
-    V = root.T @ vectors  # V^T M V = I
+    V = root.T @ vectors
     cap = min(1.0, timing.most_eigenvalue / max(values.max(), 1e-300))
-    softness = np.diag(np.linalg.inv(M))
-    joint = min(0.1, 0.5 * timing.most_damping / softness.sum())
-    most = timing.most_damping - joint * softness.sum()  # no eigenvalue of M^-1 d is above d times the trace of M^-1
-    b = np.empty(len(values))
-    for k, value in enumerate(np.abs(values) * cap):
-        # zeta = (b - l h) / (2 sqrt(l (1 - b h))) with l: value, h: late, zeta: ratio, solved for b by bisection
-        low, high = value * timing.late, 1 / timing.late
-        for _ in range(200):
-            middle = (low + high) / 2
-            short = (middle - value * timing.late) < 2 * ratio * np.sqrt(value * max(1 - middle * timing.late, 0))
-            low, high = (middle, high) if short else (low, middle)
-        b[k] = min(low, most)
-    brake = (most - b.max()) / softness * excess / max(np.count_nonzero(excess), 1)  # the fast joints share it
+    mobility = np.diag(np.linalg.inv(M))  # of each joint [1/(kg m^2)]
+    # No eigenvalue of M^-1 d is above d times the trace of M^-1: d takes at most half of the largest damping.
+    joint = min(_JOINT_DAMPING, 0.5 * timing.most_damping / mobility.sum())
+    most = timing.most_damping - joint * mobility.sum()
+    b = np.array([min(_mode_damping(value, timing.late, ratio), most) for value in np.abs(values) * cap])
+    # The brake uses what the stiffest mode leaves of the largest damping, and the fast joints share it.
+    brake = (most - b.max()) / mobility * excess / max(np.count_nonzero(excess), 1)
     return M @ V @ (b * (V.T @ M @ slip)) + joint * slip - brake, cap
+
+
+def _mode_damping(value: float, late: float, ratio: float) -> float:
+    """Return the damping b [1/s] that gives a mode of eigenvalue l = ``value`` [1/s^2] its damping ratio.
+
+    Torques that are late by h = ``late`` [s] take damping and inertia: ratio = (b - l h) / (2 sqrt(l (1 - b h))). The
+    right side rises with b, from 0 at l h to infinity at 1 / h: a bisection finds b.
+    """
+    low, high = value * late, 1 / late
+    for _ in range(200):
+        b = (low + high) / 2
+        is_short = (b - value * late) < 2 * ratio * np.sqrt(value * max(1 - b * late, 0))
+        low, high = (b, high) if is_short else (low, b)
+    return float(low)
 
 
 @dataclass(frozen=True)
@@ -253,21 +337,23 @@ class Zones:
         return np.asarray(-np.clip(self.stiffness * self.depth(q), -self.effort, self.effort))
 
     def energy(self, q: FloatArray) -> float:
-        """Return the energy of the zones [J]."""
+        """Return the energy of the zones [J]: k d^2/2 at depth d, and beyond the largest force f: f d - f^2/(2 k).
+
+        The second formula holds for both, with f = k d in the first case.
+        """
         depth, force = np.abs(self.depth(q)), np.abs(self.torque(q))
         return float(np.sum(force * (depth - force / (2 * self.stiffness))))
 
 
 def place_zones(config: Any, M: FloatArray, timing: Timing) -> Zones:
     """Return the limit zones of a configuration; M is the mass matrix (n, n) at the first sample."""
-    span = config.upper_limit - config.lower_limit
-    width = np.minimum(0.1, 0.1 * span)
+    width = np.minimum(_ZONE, _ZONE * (config.upper_limit - config.lower_limit))
     inertia = 1 / np.abs(np.linalg.inv(M)).sum(axis=1)  # beside any motion of the other joints
     rate, effort = config.torque_rate_limit, config.effort_limit
-    bounds = (
-        effort,
+    bounds = (  # on the stiffness k [N m/rad]
+        effort,  # at a depth of 1 rad
         0.5 * timing.most_eigenvalue * inertia,
-        rate / config.velocity_limit,
-        np.cbrt(inertia * (rate / (2 * width)) ** 2),
+        rate / config.velocity_limit,  # an arm at its velocity limit changes the torque by k dq per second
+        np.cbrt(inertia * (rate / (2 * width)) ** 2),  # a swing of amplitude 2 width: by k 2 width sqrt(k / inertia)
     )
     return Zones(config.lower_limit + width, config.upper_limit - width, np.min(bounds, axis=0), effort)

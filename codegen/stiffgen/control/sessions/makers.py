@@ -34,17 +34,15 @@ class _Maker:
     def start(self, both: Sequence[Any]) -> bool:
         """Begin with random settings, sometimes a bad one; return whether the builds are the same."""
         random, name = self.random, self.name
-        # the stated fields are the first ones of the configuration
-        values = {"sample_time": 1e-3, "delay_samples": int(random.integers(0, 6))}
+        delay = int(random.integers(0, 6))  # [samples]
         inertia, force = random.uniform(0.01, 1.0, self.n), random.uniform(0.0, 60.0, 2)
         inertia[0] = float(random.choice(_BAD)) if random.random() < self.lies else inertia[0]
         results: list[object] = []
         for each in both:
             controller = (ctypes.c_char * _CONFIG_SIZE)()
             each.call("impedance_default_config", controller)
-            stated = self.stated.from_buffer(controller)
-            for field, value in values.items():
-                setattr(stated, field, value)
+            stated = self.stated.from_buffer(controller)  # the stated fields are the first ones of the configuration
+            stated.sample_time, stated.delay_samples = 1e-3, delay
             fill(stated.motor_inertia, inertia)
             fill(stated.heaviest_wrench, (100.0, 20.0))
             each.call(f"{name}_default_config", f"{name}_config")
@@ -59,9 +57,11 @@ class _Maker:
         same bits.
         """
         random, name = self.random, self.name
-        axis = np.array([0.0, 0.6, -0.8])
+        axis = np.array([0.0, 0.6, -0.8])  # of pressing, a unit vector
+        pose = self.pose.copy()
+        pose[0, 3] += 1e-3 * random.integers(0, 2)  # [m] along x
         drawn = {
-            "pose": self.pose + 1e-3 * np.eye(4)[[0]].T * np.eye(4)[3] * random.integers(0, 2),
+            "pose": pose,
             "translation_stiffness": random.uniform(0.0, 900.0) * np.eye(3),
             "rotation_stiffness": random.uniform(0.0, 40.0) * np.eye(3),
             "wrench": np.r_[-axis * random.choice([0.0, 6.0, 12.0]), np.zeros(3)],
@@ -69,17 +69,19 @@ class _Maker:
         place = str(random.choice(list(drawn)))
         if random.random() < self.lies:
             np.ravel(drawn[place])[0] = float(random.choice(_BAD))
-        numbers = {"axis": axis * random.choice([1.0, 1.1], p=[0.95, 0.05])} if name == "press" else {}
+        if name == "press":
+            drawn["axis"] = axis * random.choice([1.0, 1.1], p=[0.95, 0.05])  # the longer one is refused
         flag, force = int(random.random() < 0.1), float(random.choice([0.0, 15.0], p=[0.05, 0.95]))
         last = self._last() if random.random() < 0.95 else None
         results: list[object] = []
         for each in both:
             given = each.structs[f"{name}_input"]
-            for field, value in {**drawn, **numbers}.items():
+            for field, value in drawn.items():
                 fill(getattr(given, field), value)
-            setattr(given, "search" if name == "press" else "hold", flag)
             if name == "press":
-                given.force = force
+                given.search, given.force = flag, force
+            else:
+                given.hold = flag
             code = each.call(f"{name}_step", f"{name}_state", f"{name}_input", last, f"{name}_output")
             results.append((code, each.bits(f"{name}_output", f"{name}_state")))
         return results[0] == results[1]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,18 +34,26 @@ def check_rules(library: ControllerLibrary, module: Any, chain: Chain) -> list[C
     library.call("default_config", library.config)
     names = [field.name for field in library.fields]
     expected = {field.name: default_of(field, chain) for field in config_of(chain) if field.name in names}
-    # Numbers that a user must state, since there is no default, or since the robot's file lacks them.
-    given = {f.name: value_without_default(f) for f in library.fields if not _is_allowed(f, expected[f.name])}
     faults = [f"{name} in C" for name, value in expected.items() if not _is(getattr(library.config, name), value)]
-    config = module.Impedance(**given).config
-    for field in library.fields:
-        shown, default = getattr(config, field.name), given.get(field.name, expected[field.name])
-        if not _is(field.choices.index(shown) + 1 if isinstance(shown, str) else shown, default):
-            faults.append(f"{field.name} in Python")
+    faults += [f"{name} in Python" for name in _wrong_in_python(library, module, expected)]
     return [
         faultless("controller: defaults", "table of fields", faults),
         faultless("controller: rules", "table of fields", _rule_faults(library, chain)),
     ]
+
+
+def _wrong_in_python(library: ControllerLibrary, module: Any, expected: Mapping[str, FloatArray]) -> list[str]:
+    """Return the fields of a new controller in Python that have neither their defaults nor what it was given."""
+    # Numbers that a user must state, since there is no default, or since the robot's file lacks them.
+    stated = {f.name: value_without_default(f) for f in library.fields if not _is_allowed(f, expected[f.name])}
+    config = module.Impedance(**stated).config
+    wrong = []
+    for field in library.fields:
+        shown = getattr(config, field.name)
+        number = field.choices.index(shown) + 1 if isinstance(shown, str) else shown  # choices count from 1
+        if not _is(number, stated.get(field.name, expected[field.name])):
+            wrong.append(field.name)
+    return wrong
 
 
 def _is_allowed(field: Field, value: FloatArray) -> bool:
@@ -63,8 +71,7 @@ def default_of(field: Field, chain: Chain) -> FloatArray:
     """Return the default of a field from the table, as the configuration in C should have it.
 
     A field that must be stated has NaN, or -1. The table has the word of a choice, "identity", numbers with ", "
-    between them, or a product of a number and a limit with one entry per motor: "0.9 * {name}_velocity[{i}]" (a
-    limit of the joint), "{name}_torque_rate[i]" (a motor's table).
+    between them, or a product of a number and a limit with one entry per motor.
     """
     if not field.default:
         return np.array(math.nan if field.type == "double" else -1.0)
@@ -74,17 +81,24 @@ def default_of(field: Field, chain: Chain) -> FloatArray:
         return np.array(field.choices.index(field.default) + 1.0)  # choices count from 1
     if ", " in field.default:
         return np.array([float(entry.replace("HUGE_VAL", "inf")) for entry in field.default.split(", ")])
-    value, motors = np.ones(1), motor_tables(chain)
+    value = np.ones(1)
     for factor in field.default.split(" * "):
-        limit = factor.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
-        is_number = limit == factor  # names have the prefix
-        if is_number:
-            value = value * float(factor)
-        elif hasattr(motors, limit):
-            value = value * np.array(getattr(motors, limit))
-        else:
-            value = value * np.array([getattr(c, limit) for c in chain.motor_coordinates])
+        value = value * _factor(factor, chain)
     return value
+
+
+def _factor(text: str, chain: Chain) -> FloatArray | float:
+    """Return a factor of a default: a number, or one entry per motor.
+
+    "{name}_velocity[{i}]" is a limit of the joint, "{name}_torque_rate[i]" an entry of the motors' tables.
+    """
+    if not text.startswith("{name}_"):
+        return float(text)
+    limit = text.removeprefix("{name}_").removesuffix("[i]").removesuffix("[{i}]")
+    motors = motor_tables(chain)
+    if hasattr(motors, limit):
+        return np.array(getattr(motors, limit))
+    return np.array([getattr(coordinate, limit) for coordinate in chain.motor_coordinates])
 
 
 def _tried_entries(field: Field, dof: int) -> Sequence[int]:
@@ -101,21 +115,29 @@ def _rule_faults(library: ControllerLibrary, chain: Chain) -> list[str]:
     """
     faults = []
     for field in library.fields:
-        number = [each.name for each in CONFIG].index(field.name)
-        code, is_integer = _FIRST_FIELD_ERROR - number, field.type == "int"
-        least, most = (int(field.least), int(field.most)) if is_integer else (field.least, field.most)
-        inside = [each for each in (least, most) if math.isfinite(each)]
-        if is_integer:
-            beyond: list[float] = [least - 1, most + 1]
-        else:
-            beyond = [np.nextafter(least, -np.inf), np.nextafter(most, np.inf), math.nan]
-        beyond = [each for each in beyond if not (math.isinf(each) and each in (least, most))]  # infinity is allowed
+        code = _FIRST_FIELD_ERROR - [each.name for each in CONFIG].index(field.name)
+        inside, beyond = _tried_values(field)
+        tried = [*((value, False) for value in inside), *((value, True) for value in beyond)]
         for place in _tried_entries(field, len(chain.motor_coordinates)):
-            for value in (*inside, *beyond):
+            for value, is_beyond in tried:
                 library.take_defaults()
                 library.config.tank_initial = 1.0  # sizing takes long
                 set_field(library.config, field, value, place)
-                refused = library.call("init", library.config, library.state, None)
-                if (refused == code) != (value in beyond or math.isnan(value)):
+                is_named = library.call("init", library.config, library.state, None) == code
+                if is_named != is_beyond:
                     faults.append(f"{field.name} {value!r}")
     return faults
+
+
+def _tried_values(field: Field) -> tuple[list[float], list[float]]:
+    """Return the finite bounds of a field, and the values next to them that it refuses; an infinite bound has none."""
+    least, most = field.least, field.most
+    inside = [each for each in (least, most) if math.isfinite(each)]
+    if field.type == "int":
+        return [int(each) for each in inside], [int(least) - 1, int(most) + 1]
+    beyond = []
+    if math.isfinite(least):
+        beyond.append(float(np.nextafter(least, -np.inf)))
+    if math.isfinite(most):
+        beyond.append(float(np.nextafter(most, np.inf)))
+    return inside, [*beyond, math.nan]
