@@ -23,9 +23,17 @@ from stiffgen.lab.calibrate.poses import StandingPoses
 from stiffgen.lab.quantiles import student_quantile
 
 _LEVEL = 0.05
+"""Probability that one of the numbers lies outside its interval."""
 _NUMBERS = 10
+"""Numbers whose intervals hold at once: bias (6) and payload (4)."""
 _FEWEST = 6
+"""Least number of poses of a calibration."""
 _FEWEST_WITH_DRIFT = 8
+"""Number of poses from which on the drift is estimated, too."""
+_ROUNDS = 4
+"""Rounds of least squares in which the channels' variances settle."""
+_ALIKE = 1e-9
+"""Share of the largest singular value below which forces lie along one line."""
 _EXCITED = 0.1
 """Least change of gravity's direction in sensor axes, root mean square over the poses along the worst axis."""
 _WALKS = np.array([0.0, *np.logspace(-2, 4, 25)])
@@ -87,33 +95,49 @@ def estimate(sensor: Any, poses: StandingPoses, *, robot: str = "", place: str =
         )
     # time before the last pose: the bias is that of the end of the recording
     A, time = regressors(sensor, poses.q), poses.time - poses.time[-1]
-    has_drift = count >= _FEWEST_WITH_DRIFT and float(np.ptp(time)) > 0
-    columns = [np.broadcast_to(np.eye(3), (count, 3, 3))]
+    duration = float(np.ptp(time))
+    has_drift = count >= _FEWEST_WITH_DRIFT and duration > 0
+    common = [np.broadcast_to(np.eye(3), (count, 3, 3))]  # columns of bias and drift, of forces and of moments alike
     if has_drift:
-        columns.append(time[:, None, None] / np.ptp(time) * np.eye(3))
-    common = np.concatenate(columns, axis=2)  # bias and drift, of forces and of moments alike
-    # parameters of the forces: mass, bias (3), drift (3); of the moments: first moment (3), bias (3), drift (3)
-    X = [np.concatenate([A[:, :3, :1], common], axis=2), np.concatenate([A[:, 3:, 1:], common], axis=2)]
-    excitation = _excitation(A, common)
-    force, moment = (_fit(x, poses.reading[:, 3 * k : 3 * k + 3], time) for k, x in enumerate(X))
-    rotation, rotation_interval = _rotation(A[:, :3, 0], poses.reading[:, :3], force, common, time)
-    scale = np.ptp(time) if has_drift else 1.0
-    drift = [*force.values[4:7] / scale, *moment.values[6:9] / scale] if has_drift else np.zeros(6)
+        common.append(time[:, None, None] / np.ptp(time) * np.eye(3))
+    bias_columns = np.concatenate(common, axis=2)
+    excitation = _excitation(A, bias_columns)
+    forces, moments = poses.reading[:, :3], poses.reading[:, 3:]
+    force = _fit(np.concatenate([A[:, :3, :1], bias_columns], axis=2), forces, time)
+    moment = _fit(np.concatenate([A[:, 3:, 1:], bias_columns], axis=2), moments, time)
+    rotation, rotation_interval = _rotation(A[:, :3, 0], forces, force, bias_columns, time)
+    payload, bias, drift = _joined(force.values, moment.values)
+    payload_interval, bias_interval, _ = _joined(force.interval(), moment.interval())
     residuals = np.concatenate([force.residuals, moment.residuals], axis=1)
+    freedom = np.repeat([force.freedom, moment.freedom], 3)
     calibration = Calibration(
-        robot,
-        place,
-        _numbers([*force.values[1:4], *moment.values[3:6]]),
-        _numbers([force.values[0], *moment.values[:3]]),
-        _numbers([*force.interval()[1:4], *moment.interval()[3:6]]),
-        _numbers([force.interval()[0], *moment.interval()[:3]]),
-        _numbers(drift),
-        _numbers(np.sqrt((residuals**2).sum(axis=0) / np.repeat([force.freedom, moment.freedom], 3))),
-        _numbers(rotation),
-        _numbers(rotation_interval),
-        count,
+        robot=robot,
+        sensor=place,
+        bias=_numbers(bias),
+        payload=_numbers(payload),
+        bias_interval=_numbers(bias_interval),
+        payload_interval=_numbers(payload_interval),
+        drift=_numbers(drift / duration if has_drift else np.zeros(6)),
+        noise=_numbers(np.sqrt((residuals**2).sum(axis=0) / freedom)),
+        rotation=_numbers(rotation),
+        rotation_interval=_numbers(rotation_interval),
+        poses=count,
     )
     return Estimate(calibration, residuals, excitation)
+
+
+def _joined(force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return payload (4), bias (6) and drift over the recording (6, or none) from the parameters of both fits.
+
+    Those of the forces are mass, bias (3) and drift (3); those of the moments first moment (3), bias (3) and drift (3).
+    """
+    mass, force_bias, force_drift = np.split(force, [1, 4])
+    first_moment, moment_bias, moment_drift = np.split(moment, [3, 6])
+    return (
+        np.concatenate([mass, first_moment]),
+        np.concatenate([force_bias, moment_bias]),
+        np.concatenate([force_drift, moment_drift]),
+    )
 
 
 def _numbers(values: Any) -> tuple[float, ...]:
@@ -136,28 +160,36 @@ def _fit_of_walk(X: FloatArray, y: FloatArray, covariance: FloatArray) -> Fit:
     """Return the solution for a covariance (P, P) of the poses, with one variance per channel.
 
     X is (P, 3, unknowns), y (P, 3). The variances follow from the residuals, and weigh the channels in the next of four
-    rounds; the likelihood compares covariances.
+    rounds. The likelihood compares covariances: with V that of all readings, its logarithm is, up to a constant,
+    -log det V / 2 - log det(X^T V^-1 X) / 2.
     """
     count, _, size = X.shape
     freedom = count - size / 3  # per channel
+    # Poses times the inverse of the factor have independent errors; rows (3 P, unknowns) are pose by pose.
     factor = np.linalg.cholesky(covariance)
-    rows, right = np.linalg.solve(factor, X.reshape(count, -1)).reshape(-1, size), np.linalg.solve(factor, y)
+    rows = np.linalg.solve(factor, X.reshape(count, -1)).reshape(-1, size)
+    right = np.linalg.solve(factor, y)
+    floor = 1e-12 * max(1.0, float(np.abs(y).max()))  # of readings without noise
     deviation = np.ones(3)
-    for _ in range(4):
+    for _ in range(_ROUNDS):
         weight = np.tile(1 / deviation, count)
         values, *_ = np.linalg.lstsq(rows * weight[:, None], right.ravel() * weight, rcond=None)
         left = right - (rows @ values).reshape(-1, 3)
-        deviation = np.sqrt((left**2).sum(axis=0) / freedom)
-        deviation = np.maximum(deviation, 1e-12 * max(1.0, float(np.abs(y).max())))
+        deviation = np.maximum(np.sqrt((left**2).sum(axis=0) / freedom), floor)
     weight = np.tile(1 / deviation, count)
     information = (rows * weight[:, None]).T @ (rows * weight[:, None])
-    determinants = count * np.log(deviation).sum() + 3 * np.log(np.diag(factor)).sum()
-    likelihood = -determinants - np.linalg.slogdet(information)[1] / 2
-    deviations = np.sqrt(np.diag(np.linalg.inv(information)))
-    return Fit(np.asarray(values, dtype=float), deviations, y - X @ values, freedom, float(likelihood))
+    half_log_det = count * np.log(deviation).sum() + 3 * np.log(np.diag(factor)).sum()  # of V
+    likelihood = -half_log_det - np.linalg.slogdet(information)[1] / 2
+    return Fit(
+        values=np.asarray(values, dtype=float),
+        deviations=np.sqrt(np.diag(np.linalg.inv(information))),
+        residuals=y - X @ values,
+        freedom=freedom,
+        likelihood=float(likelihood),
+    )
 
 
-def _excitation(A: FloatArray, common: FloatArray) -> float:
+def _excitation(A: FloatArray, bias_columns: FloatArray) -> float:
     """Return the excitation of the payload: what bias and drift cannot explain, over gravity, in the worst direction.
 
     Raises:
@@ -165,14 +197,8 @@ def _excitation(A: FloatArray, common: FloatArray) -> float:
 
     """
     gravity = float(np.linalg.norm(A[0, :3, 0])) or 1.0
-    base = common.reshape(-1, common.shape[2])
-    found = []
-    for rows in (A[:, :3, :1], A[:, 3:, 1:]):  # of the mass, of the first moment
-        flat = rows.reshape(-1, rows.shape[2])
-        left = flat - base @ np.linalg.lstsq(base, flat, rcond=None)[0]
-        _, sizes, axes = np.linalg.svd(left, full_matrices=False)
-        found.append((float(sizes[-1]) / np.sqrt(len(A)) / gravity, axes[-1]))  # smallest, with its direction
-    (of_mass, _), (of_moment, axis) = found
+    of_mass, _ = _least_excitation(A[:, :3, :1], bias_columns, gravity)
+    of_moment, axis = _least_excitation(A[:, 3:, 1:], bias_columns, gravity)
     if min(of_mass, of_moment) < _EXCITED:
         what = "mass" if of_mass < _EXCITED else "first moment"
         along = "" if of_mass < _EXCITED else f" along ({', '.join(f'{x:.2f}' for x in axis)}) of the sensor"
@@ -184,6 +210,19 @@ def _excitation(A: FloatArray, common: FloatArray) -> float:
     return float(min(of_mass, of_moment))
 
 
+def _least_excitation(columns: FloatArray, bias_columns: FloatArray, gravity: float) -> tuple[float, FloatArray]:
+    """Return the least excitation of columns (P, 3, k), root mean square over the poses, and its direction (k)."""
+    left = _without_bias(columns.reshape(-1, columns.shape[2]), bias_columns)
+    _, sizes, axes = np.linalg.svd(left, full_matrices=False)
+    return float(sizes[-1]) / np.sqrt(len(columns)) / gravity, axes[-1]
+
+
+def _without_bias(rows: FloatArray, bias_columns: FloatArray) -> FloatArray:
+    """Return rows (3 P, or 3 P, k) less what the columns of bias and drift (P, 3, m) can explain."""
+    base = bias_columns.reshape(-1, bias_columns.shape[2])
+    return np.asarray(rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0])
+
+
 def _refuse_sign(force: Fit) -> None:
     raise RecordingError(
         f"the mass would be {force.values[0]:.3g} kg +- {force.interval()[0]:.2g} kg: the sensor reports the wrench of "
@@ -192,7 +231,7 @@ def _refuse_sign(force: Fit) -> None:
 
 
 def _rotation(
-    gravity: FloatArray, forces: FloatArray, force: Fit, common: FloatArray, time: FloatArray
+    gravity: FloatArray, forces: FloatArray, force: Fit, bias_columns: FloatArray, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the rotation (3) [rad] of the sensor against its frame that fits the forces best, and its intervals.
 
@@ -202,38 +241,47 @@ def _rotation(
         RecordingError: the rotation is large and significant, or the forces fit the other sign better.
 
     """
-    base = common.reshape(-1, common.shape[2])
-
-    def without_bias(rows: FloatArray) -> FloatArray:
-        """Return rows (P, 3) less what bias and drift can explain."""
-        flat = rows.reshape(-1)
-        return np.asarray((flat - base @ np.linalg.lstsq(base, flat, rcond=None)[0]).reshape(-1, 3))
-
-    # the rotation of gravity that comes nearest to the forces, by the singular values of their correlation
-    U, sizes, Vt = np.linalg.svd(without_bias(forces).T @ without_bias(gravity))
-    if not sizes[1] > 1e-9 * max(sizes[0], 1e-300):  # all along one line: any rotation about it fits
+    turn = _nearest_turn(gravity, forces, bias_columns)
+    if turn is None:
         return np.zeros(3), np.full(3, np.pi)
-    turn = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     turned = gravity @ turn.T
-    first = _fit(np.concatenate([turned[:, :, None], common], axis=2), forces, time)
-    # a negative mass without a rotation, and hardly worse: the sign is wrong, and no half turn
-    if force.values[0] < -force.interval()[0] and (force.residuals**2).sum() < 2 * (first.residuals**2).sum():
-        _refuse_sign(force)
-    weight = first.values[0] * turned
-    x, y, z = weight.T
-    zero = np.zeros(len(weight))
+    first = _fit(np.concatenate([turned[:, :, None], bias_columns], axis=2), forces, time)
+    is_negative = force.values[0] < -force.interval()[0]  # the mass, without a rotation
+    if is_negative and (force.residuals**2).sum() < 2 * (first.residuals**2).sum():
+        _refuse_sign(force)  # hardly worse than with the rotation: it is no half turn
     # r x weight of a small rotation r: its parameters are near 0, and their intervals those of the rotation
-    columns = np.stack([np.stack(row, -1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))], 1)
-    fit = _fit(np.concatenate([columns, turned[:, :, None], common], axis=2), forces, time)
+    small_turn = _turning(first.values[0] * turned)
+    fit = _fit(np.concatenate([small_turn, turned[:, :, None], bias_columns], axis=2), forces, time)
     rotation, interval = _logarithm(turn.T), fit.interval()[:3]
     angle = float(np.linalg.norm(rotation))
-    if angle > _TURNED and angle > 2 * float(np.linalg.norm(interval)) and force.values[0] != 0:
+    is_significant = angle > 2 * float(np.linalg.norm(interval))
+    if angle > _TURNED and is_significant and force.values[0] != 0:
         degrees = ", ".join(f"{each:.1f}" for each in np.degrees(rotation))
         raise RecordingError(
             f"the forces fit a sensor that is turned by the rotation vector ({degrees}) deg against its frame: "
             "generate the robot with another --sensor rpy"
         )
     return rotation, np.minimum(interval, np.pi)
+
+
+def _turning(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (P, 3, 3) that map a rotation vector r to r x w, of vectors w (P, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros(len(vectors))
+    rows = ((zero, z, -y), (-z, zero, x), (y, -x, zero))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+def _nearest_turn(gravity: FloatArray, forces: FloatArray, bias_columns: FloatArray) -> FloatArray | None:
+    """Return the rotation (3, 3) of gravity (P, 3) that comes nearest to the forces (P, 3); None if several do.
+
+    With the correlation forces^T gravity = U S V^T that is U V^T, with the last column's sign that makes it a rotation.
+    """
+    measured, expected = (_without_bias(each.reshape(-1), bias_columns).reshape(-1, 3) for each in (forces, gravity))
+    U, sizes, Vt = np.linalg.svd(measured.T @ expected)
+    if not sizes[1] > _ALIKE * max(sizes[0], 1e-300):  # all along one line: any rotation about it fits
+        return None
+    return np.asarray(U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
 
 
 def _logarithm(R: FloatArray) -> FloatArray:
@@ -257,24 +305,29 @@ def further_poses(
     finite). Whether they are free of collisions is not known.
     """
     random = np.random.default_rng(0)
-    candidates = np.repeat(poses.q, 8, axis=0)  # eight for each recorded posture (P, n) [rad]
+    candidates = np.repeat(poses.q, 8, axis=0)  # eight for each recorded posture (C, n) [rad]
     last = slice(max(0, candidates.shape[1] - 3), None)
     candidates[:, last] = random.uniform(lower[last], upper[last], candidates[:, last].shape)
     noise = np.maximum(np.array(found.calibration.noise), 1e-12)  # standard deviations (6) [N], [N m], never 0
-
-    def information(q: FloatArray) -> FloatArray:
-        """Return the information matrices (P, 10, 10) of poses about payload and bias; drift is left out."""
-        A = np.concatenate([regressors(sensor, q), np.broadcast_to(np.eye(6), (len(q), 6, 6))], axis=2)
-        scaled = A / noise[:, None]
-        return np.asarray(np.swapaxes(scaled, 1, 2) @ scaled)
-
-    total, gains = information(poses.q).sum(axis=0), information(candidates)
-    # 1:4 is the first moment; the candidate that leaves the smallest of its largest deviations is taken, one by one
-    chosen, start = [], float(np.sqrt(np.diag(np.linalg.inv(total))[1:4].max()))
-    for _ in range(count):
-        # largest deviation of the first moment [kg m] after each candidate (P)
-        worst = np.sqrt(np.diagonal(np.linalg.inv(total + gains), axis1=1, axis2=2)[:, 1:4].max(axis=1))
-        best = int(worst.argmin())
+    total = _information(sensor, poses.q, noise).sum(axis=0)
+    gains = _information(sensor, candidates, noise)
+    chosen, start = [], float(_widest(total))
+    for _ in range(count):  # the candidate that leaves the least is taken, one by one
+        after = _widest(total + gains)
+        best = int(after.argmin())
         total = total + gains[best]
-        chosen.append((candidates[best], float(worst[best]) / start))
+        chosen.append((candidates[best], float(after[best]) / start))
     return chosen
+
+
+def _information(sensor: Any, q: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the information matrices (P, 10, 10) of poses about payload (4) and bias (6); drift is left out."""
+    bias = np.broadcast_to(np.eye(6), (len(q), 6, 6))
+    scaled = np.concatenate([regressors(sensor, q), bias], axis=2) / noise[:, None]
+    return np.asarray(np.swapaxes(scaled, 1, 2) @ scaled)
+
+
+def _widest(information: FloatArray) -> FloatArray:
+    """Return the largest deviation of the first moment [kg m], entries 1 to 3, from information (..., 10, 10)."""
+    variances = np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1)
+    return np.asarray(np.sqrt(variances[..., 1:4].max(axis=-1)))

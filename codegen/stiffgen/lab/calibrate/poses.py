@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ _MOTION = 5e-4
 _LEAST = 5
 """Least duration of a pose in windows."""
 _MOST_ROWS = 1 << 24
+"""Most rows of a recording: 128 MiB per column."""
+_BLOCK_ROWS = 1 << 16
+"""Rows that are read at once."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +62,15 @@ def read_rows(
     """
     opened = _opened(log, names, q, reading, readings, positions_flag)
     recording = _reader(log)
-    blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, 1 << 16)]
+    blocks = [block.values for part in opened.partitions for block in recording.read_blocks(part, _BLOCK_ROWS)]
     rows = np.concatenate(blocks) if blocks else np.zeros((0, len(opened.columns.names)))
     if len(rows) > most:
         raise RecordingError(f"{log}: has {len(rows)} rows, of at most {most}: record the poses or the motion alone")
     rows = rows[np.isfinite(rows).all(axis=1)]
     # columns: time, if any, then positions, then readings
-    first, n = int(opened.columns.time is not None), len(names)
-    time = rows[:, 0] if first else None
-    return opened.columns.positions(rows), rows[:, first + n :], time
+    has_time = opened.columns.time is not None
+    first_reading = int(has_time) + len(names)
+    return opened.columns.positions(rows), rows[:, first_reading:], rows[:, 0] if has_time else None
 
 
 def has_columns(log: str | Path, names: tuple[str, ...], q: str | None, reading: str | None) -> bool:
@@ -103,23 +107,38 @@ def _opened(
 
 def standing(q: FloatArray, reading: FloatArray, time: FloatArray | None) -> StandingPoses:
     """Return the poses of half a second or more; the first and last window of each are left out."""
-    window = _ROWS
-    if time is not None and len(time) > 1:
-        step = float(np.median(np.diff(time)))
-        window = max(2, round(_WINDOW / step)) if step > 0 else _ROWS
-    if len(q) <= window:
-        return StandingPoses(np.zeros((0, q.shape[1])), np.zeros((0, 6)), np.zeros(0))
-    half = window // 2  # compare with the window's middle, too: a motion there and back is none of its ends
-    moved = np.maximum(np.abs(q[window:] - q[:-window]), np.abs(q[half : len(q) - window + half] - q[:-window]))
-    is_still = np.concatenate([[False], moved.max(axis=1) < _MOTION, [False]])  # so that edges come in pairs
-    edges = np.flatnonzero(np.diff(is_still.astype(int)))
+    window = _rows_of_window(time)
     found = []
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        rows = slice(start + window, end)  # the last window reaches to end + window
-        if end - start >= _LEAST * window:
-            at = 0.0 if time is None else float(time[rows].mean())
-            found.append((q[rows].mean(axis=0), reading[rows].mean(axis=0), at))
+    for rows in _rows_at_rest(q, window):
+        at = 0.0 if time is None else float(time[rows].mean())
+        found.append((q[rows].mean(axis=0), reading[rows].mean(axis=0), at))
     if not found:
         return StandingPoses(np.zeros((0, q.shape[1])), np.zeros((0, 6)), np.zeros(0))
     postures, readings, times = zip(*found, strict=True)
     return StandingPoses(np.array(postures), np.array(readings), np.array(times))
+
+
+def _rows_of_window(time: FloatArray | None) -> int:
+    """Return the rows in which a motion is looked for: those of 0.1 s, at least 2."""
+    if time is None or len(time) < 2:
+        return _ROWS
+    step = float(np.median(np.diff(time)))
+    return max(2, round(_WINDOW / step)) if step > 0 else _ROWS
+
+
+def _rows_at_rest(q: FloatArray, window: int) -> Iterator[slice]:
+    """Yield the rows of each pose without its first and last window; q (N, n) [rad or m].
+
+    Row k is still if q stays the same in the window from k to k + window. A pose is a run of five windows or more of
+    such rows.
+    """
+    if len(q) <= window:
+        return
+    half = window // 2  # the middle counts, too: a motion there and back does not show at the window's end
+    first, middle, last = q[:-window], q[half : len(q) - window + half], q[window:]
+    moved = np.maximum(np.abs(last - first), np.abs(middle - first)).max(axis=1)
+    is_still = np.concatenate([[False], moved < _MOTION, [False]])  # so that each run begins and ends within
+    edges = np.flatnonzero(np.diff(is_still.astype(int)))
+    for start, end in zip(edges[::2], edges[1::2], strict=True):  # rows start to end - 1 are still
+        if end - start >= _LEAST * window:
+            yield slice(start + window, end)  # the window of the last still row ends before end + window

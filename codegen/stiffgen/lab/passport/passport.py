@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from stiffgen.control.presets import motor_tables
 from stiffgen.core.errors import OutputError, StiffgenError
 from stiffgen.core.opened import GeneratedRobot
+from stiffgen.core.robot.chain import Chain
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.arms.series import in_series
 from stiffgen.lab.passport.loop import (
@@ -130,38 +132,48 @@ def make_passport(robot: GeneratedRobot, options: PassportOptions, q: ArrayLike 
     """
     _check(robot, options)
     chain, module = robot.chain, robot.module
-    source = str(options.recording.name) if options.recording else "spread over the joints' ranges"
-    if q is not None:
-        postures = np.asarray(q, dtype=float)
-    elif options.recording:
-        postures = recorded_postures(options.recording, chain)
-    else:
-        postures = spread_postures(chain)
-    motors, n = motor_tables(chain), chain.dof
+    postures = _postures(chain, options) if q is None else np.asarray(q, dtype=float)
     arms = Arms(
-        module.mass_matrix(postures) + np.diag(motors.motor_inertia),
-        module.hybrid.jacobian(postures),
-        ROTATION,
+        mass=module.mass_matrix(postures) + np.diag(motor_tables(chain).motor_inertia),
+        jacobian=module.hybrid.jacobian(postures),
+        rotation=ROTATION,
     )
-    quantities = [*_of_loop(arms, options.timing)]
     gravity = module.gravity.gradient(postures, np.array(_GRAVITY))
     available = available_force(arms.jacobian, gravity, np.array(module.EFFORT))
     force = available if np.isfinite(available).all() else None
-    if force is not None:
-        quantities += _of_force(force)
-    rendered = next(each.values for each in quantities if each.name == "rendered")
-    Kq = arms.springs(rendered)
-    if options.kc is not None:
-        quantities.append(_lost_to_gears(arms, Kq, _diagonal(options.kc, n)))
-    if options.friction is not None:
-        quantities += _of_friction(arms, Kq, np.broadcast_to(np.array(options.friction), n))
-    if options.kp is not None:
-        quantities += _of_gains(robot, options, arms, postures)
-    tip = module.forward_kinematics(postures)[:, :3, 3]
-    unlimited = tuple(each.name for each in chain.coordinates if not np.isfinite(each.effort))
     return Passport(
-        robot.name, chain.coordinate_names, options.timing, postures, tip, tuple(quantities), force, source, unlimited
+        robot=robot.name,
+        joints=chain.coordinate_names,
+        timing=options.timing,
+        q=postures,
+        tip=module.forward_kinematics(postures)[:, :3, 3],
+        quantities=tuple(_quantities(robot, options, arms, postures, force)),
+        force=force,
+        source=str(options.recording.name) if options.recording else "spread over the joints' ranges",
+        unlimited=tuple(each.name for each in chain.coordinates if not np.isfinite(each.effort)),
     )
+
+
+def _postures(chain: Chain, options: PassportOptions) -> FloatArray:
+    """Return the postures (P, n) of the options' recording, or spread over the joints' ranges."""
+    return recorded_postures(options.recording, chain) if options.recording else spread_postures(chain)
+
+
+def _quantities(
+    robot: GeneratedRobot, options: PassportOptions, arms: Arms, postures: FloatArray, force: FloatArray | None
+) -> Iterator[Quantity]:
+    """Yield the columns of a passport; ``force`` (P, 6) is the one that the motors leave, None without a bound."""
+    rendered = rendered_limit(arms, options.timing)
+    yield from _of_loop(arms, options.timing, rendered)
+    if force is not None:
+        yield from _of_force(force)
+    Kq, n = arms.springs(rendered), robot.chain.dof
+    if options.kc is not None:
+        yield _lost_to_gears(arms, Kq, _diagonal(options.kc, n))
+    if options.friction is not None:
+        yield from _of_friction(arms, Kq, np.broadcast_to(np.array(options.friction), n))
+    if options.kp is not None:
+        yield from _of_gains(robot, options, arms, postures)
 
 
 def _check(robot: GeneratedRobot, options: PassportOptions) -> None:
@@ -203,72 +215,128 @@ def _diagonal(values: tuple[float, ...], n: int) -> FloatArray:
     return np.diag(np.broadcast_to(np.array(values, dtype=float), n))
 
 
-def _of_loop(arms: Arms, timing: LoopTiming) -> tuple[Quantity, ...]:
-    """Return the limits of the sampled loop, and the damping at the rendered stiffness."""
-    rendered, passive, stable = (limit(arms, timing) for limit in (rendered_limit, passive_limit, stable_limit))
-    attained = damping_attained(arms, rendered, timing)
-    quantities = (
-        Quantity("rendered", "N/m", "stiffness that the impedance controller renders in full",
-                 "the compiled controller, eight arms", rendered),
-        Quantity("passive", "N/m", "late torques put out no work in slow motion",
-                 f"work of slow cycles, {_CAMPAIGN}", passive),
-        Quantity("stable", "N/m", "the sampled loop's roots are inside the unit circle",
-                 f"energy after a push, {_CAMPAIGN}", stable),
-        Quantity("limit", "N/m", "passive and stable", f"both, {_CAMPAIGN}", np.minimum(passive, stable)),
-        Quantity("damping", "1", "least damping ratio of all modes at the rendered stiffness",
-                 f"decay after a push, {_CAMPAIGN}", attained),
-        Quantity("contact", "N/m", "stiffest wall on which the tip does not chatter, at the rendered stiffness",
-                 f"energy in contact, {_CAMPAIGN}", contact_limit(arms, rendered, timing)),
-    )  # fmt: skip
-    if not timing.quantum:
-        return quantities
-    step = Quantity("step torque", "N m", "damping torque of one encoder step, at the rendered stiffness",
-                    "the compiled controller", step_torque(arms, rendered, timing), is_error=True)  # fmt: skip
-    return (*quantities, step)
+def _of_loop(arms: Arms, timing: LoopTiming, rendered: FloatArray) -> Iterator[Quantity]:
+    """Yield the limits of the sampled loop, and what it attains at the rendered stiffness (P) [N/m]."""
+    passive, stable = passive_limit(arms, timing), stable_limit(arms, timing)
+    yield Quantity(
+        name="rendered",
+        unit="N/m",
+        meaning="stiffness that the impedance controller renders in full",
+        verified="the compiled controller, eight arms",
+        values=rendered,
+    )
+    yield Quantity(
+        name="passive",
+        unit="N/m",
+        meaning="late torques put out no work in slow motion",
+        verified=f"work of slow cycles, {_CAMPAIGN}",
+        values=passive,
+    )
+    yield Quantity(
+        name="stable",
+        unit="N/m",
+        meaning="the sampled loop's roots are inside the unit circle",
+        verified=f"energy after a push, {_CAMPAIGN}",
+        values=stable,
+    )
+    yield Quantity(
+        name="limit",
+        unit="N/m",
+        meaning="passive and stable",
+        verified=f"both, {_CAMPAIGN}",
+        values=np.minimum(passive, stable),
+    )
+    yield Quantity(
+        name="damping",
+        unit="1",
+        meaning="least damping ratio of all modes at the rendered stiffness",
+        verified=f"decay after a push, {_CAMPAIGN}",
+        values=damping_attained(arms, rendered, timing),
+    )
+    yield Quantity(
+        name="contact",
+        unit="N/m",
+        meaning="stiffest wall on which the tip does not chatter, at the rendered stiffness",
+        verified=f"energy in contact, {_CAMPAIGN}",
+        values=contact_limit(arms, rendered, timing),
+    )
+    if timing.quantum:
+        yield Quantity(
+            name="step torque",
+            unit="N m",
+            meaning="damping torque of one encoder step, at the rendered stiffness",
+            verified="the compiled controller",
+            values=step_torque(arms, rendered, timing),
+            is_error=True,
+        )
 
 
-def _of_force(force: FloatArray) -> list[Quantity]:
-    """Return the force that the motors leave in each direction, from (P, 6) [N]."""
-    return [
-        Quantity(f"force {name}", "N", f"largest force of the tip along {name}, at rest",
-                 f"inverse dynamics, {_CAMPAIGN}", force[:, k])
-        for k, name in enumerate(DIRECTIONS)
-    ]  # fmt: skip
+def _of_force(force: FloatArray) -> Iterator[Quantity]:
+    """Yield the force that the motors leave in each direction, from (P, 6) [N]."""
+    for name, values in zip(DIRECTIONS, force.T, strict=True):
+        yield Quantity(
+            name=f"force {name}",
+            unit="N",
+            meaning=f"largest force of the tip along {name}, at rest",
+            verified=f"inverse dynamics, {_CAMPAIGN}",
+            values=values,
+        )
 
 
 def _lost_to_gears(arms: Arms, Kq: FloatArray, Kc: FloatArray) -> Quantity:
     """Return the share of the springs' stiffness that gears of the stiffness Kc take [%]."""
-    lost = 100.0 * (1.0 - softest(arms.jacobian, in_series(Kq, Kc)) / softest(arms.jacobian, Kq))
-    meaning = "share of the rendered stiffness that elastic gears take, softest direction"
-    return Quantity("lost to gears", "%", meaning, "energy of motors and links, solved", lost, is_error=True)
+    left = softest(arms.jacobian, in_series(Kq, Kc)) / softest(arms.jacobian, Kq)
+    return Quantity(
+        name="lost to gears",
+        unit="%",
+        meaning="share of the rendered stiffness that elastic gears take, softest direction",
+        verified="energy of motors and links, solved",
+        values=100.0 * (1.0 - left),
+        is_error=True,
+    )
 
 
-def _of_friction(arms: Arms, Kq: FloatArray, friction: FloatArray) -> tuple[Quantity, ...]:
-    """Return what friction leaves at the rendered stiffness: the error of a tip at rest, and of its force on a wall."""
-    rest, force = errors_by_friction(arms.jacobian, Kq, friction)
-    return (
-        Quantity("rest error", "mm", "largest error along x, y or z at which friction holds the tip, at the rendered "
-                 "stiffness", "equilibria of spring and friction, solved", 1e3 * rest, is_error=True),
-        Quantity("force error", "N", "largest error of the force on a rigid wall across x, y or z by friction",
-                 "equilibria on a wall, solved", force, is_error=True),
-    )  # fmt: skip
+def _of_friction(arms: Arms, Kq: FloatArray, friction: FloatArray) -> Iterator[Quantity]:
+    """Yield what friction leaves at the rendered stiffness: the error of a tip at rest, and of its force on a wall."""
+    rest, force = errors_by_friction(arms.jacobian, Kq, friction)  # [m], [N]
+    yield Quantity(
+        name="rest error",
+        unit="mm",
+        meaning="largest error along x, y or z at which friction holds the tip, at the rendered stiffness",
+        verified="equilibria of spring and friction, solved",
+        values=1e3 * rest,
+        is_error=True,
+    )
+    yield Quantity(
+        name="force error",
+        unit="N",
+        meaning="largest error of the force on a rigid wall across x, y or z by friction",
+        verified="equilibria on a wall, solved",
+        values=force,
+        is_error=True,
+    )
 
 
-def _of_gains(
-    robot: GeneratedRobot, options: PassportOptions, arms: Arms, postures: FloatArray
-) -> tuple[Quantity, ...]:
-    """Return what joint gains give: the tip's softest direction, and the force under which the arm buckles."""
+def _of_gains(robot: GeneratedRobot, options: PassportOptions, arms: Arms, postures: FloatArray) -> Iterator[Quantity]:
+    """Yield what joint gains give: the tip's softest direction, and the force under which the arm buckles."""
     assert options.kp is not None
-    Kth = _diagonal(options.kp, robot.chain.dof)
-    behind = ""
+    Kth, behind = _diagonal(options.kp, robot.chain.dof), ""
     if options.kc is not None:
         Kth, behind = in_series(Kth, _diagonal(options.kc, robot.chain.dof)), " (behind the gears)"
     Kth = np.broadcast_to(Kth, arms.mass.shape)
-    wrenches = np.concatenate([UNITS, np.zeros((6, 3))], axis=1)
-    kinematic = robot.module.hybrid.kinematic_stiffness(postures[:, None], wrenches)
-    return (
-        Quantity("by kp", "N/m", f"tip stiffness by the joint gains{behind}, softest direction, without load",
-                 "springs in the joints, solved", softest(arms.jacobian, Kth)),
-        Quantity("buckling", "N", f"least force on the tip along x, y or z that the gains{behind} hold no longer",
-                 "curvature of the energy, by differences", buckling_force(kinematic, Kth)),
-    )  # fmt: skip
+    unit_forces = np.concatenate([UNITS, np.zeros((6, 3))], axis=1)  # (6, 6): wrenches along DIRECTIONS
+    kinematic = robot.module.hybrid.kinematic_stiffness(postures[:, None], unit_forces)  # (P, 6, n, n)
+    yield Quantity(
+        name="by kp",
+        unit="N/m",
+        meaning=f"tip stiffness by the joint gains{behind}, softest direction, without load",
+        verified="springs in the joints, solved",
+        values=softest(arms.jacobian, Kth),
+    )
+    yield Quantity(
+        name="buckling",
+        unit="N",
+        meaning=f"least force on the tip along x, y or z that the gains{behind} hold no longer",
+        verified="curvature of the energy, by differences",
+        values=buckling_force(kinematic, Kth),
+    )

@@ -35,7 +35,8 @@ def _force(passport: Passport) -> Quantity | None:
     """Return the least force of all directions; None for a robot without effort limits."""
     if passport.force is None:
         return None
-    return Quantity("force in every direction", "N", "", "", passport.force.min(axis=1))
+    least = passport.force.min(axis=1)
+    return Quantity(name="force in every direction", unit="N", meaning="", verified="", values=least)
 
 
 def _panel(figure: Any, axes: Any, passport: Passport, quantity: Quantity, ink: str) -> None:

@@ -16,7 +16,8 @@ UNITS = np.kron(np.eye(3), [[1.0], [-1.0]])
 def available_force(jacobian: FloatArray, gravity: FloatArray, effort: FloatArray) -> FloatArray:
     """Return the force [N] that the tip can exert at rest in each direction (P, 6); 0 where gravity takes all torque.
 
-    Exerting f u takes the torques g + J^T u f, each within its effort limit; moments are zero.
+    Exerting f u takes the torques g + J^T u f, each within its effort limit; moments are zero. With t = J^T u, joint i
+    allows f up to (effort_i - sign(t_i) g_i) / abs(t_i).
 
     Args:
         jacobian: hybrid Jacobians (P, 6, n).
@@ -24,16 +25,20 @@ def available_force(jacobian: FloatArray, gravity: FloatArray, effort: FloatArra
         effort: effort limits (n) [N m or N].
 
     """
-    per_newton = np.einsum("dk,pki->pdi", UNITS, jacobian[:, :3])
+    per_newton = np.einsum("dk,pki->pdi", UNITS, jacobian[:, :3])  # t (P, 6, n)
     left = effort - np.sign(per_newton) * gravity[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        force = np.where(np.abs(per_newton) > 1e-12, left / np.abs(per_newton), np.inf)
-    holds = np.asarray(np.abs(gravity) <= effort).all(axis=1, keepdims=True)
-    return np.asarray(np.where(holds, np.maximum(force.min(axis=2), 0.0), 0.0))
+        allowed = np.where(np.abs(per_newton) > 1e-12, left / np.abs(per_newton), np.inf)
+    force = np.maximum(allowed.min(axis=2), 0.0)  # the weakest joint decides
+    holds_arm = np.asarray(np.abs(gravity) <= effort).all(axis=1, keepdims=True)
+    return np.asarray(np.where(holds_arm, force, 0.0))
 
 
 def softest(jacobian: FloatArray, joint_stiffness: FloatArray) -> FloatArray:
-    """Return the tip's stiffness in its softest direction (P) [N/m], from joint stiffnesses (P, n, n)."""
+    """Return the tip's stiffness in its softest direction (P) [N/m], from joint stiffnesses (P, n, n).
+
+    It is one over the largest eigenvalue of the translational compliance, a block of J Kq^-1 J^T.
+    """
     compliance = jacobian @ np.linalg.solve(joint_stiffness, np.swapaxes(jacobian, 1, 2))
     return np.asarray(1.0 / np.linalg.eigvalsh(compliance[:, :3, :3])[:, -1])
 
@@ -41,7 +46,8 @@ def softest(jacobian: FloatArray, joint_stiffness: FloatArray) -> FloatArray:
 def buckling_force(kinematic: FloatArray, joint_stiffness: FloatArray) -> FloatArray:
     """Return the least force [N] of all directions under which a posture is no longer stable (P); infinite for none.
 
-    The energy's Hessian is Kth - f Kkin(u). The posture stays: the motors' set-points follow the load.
+    The energy's Hessian is Kth - f Kkin(u). With Kth = L L^T it is singular first at 1/f = the largest eigenvalue of
+    L^-1 Kkin L^-T. The posture stays: the motors' set-points follow the load.
 
     Args:
         kinematic: kinematic stiffnesses of unit forces on the robot in each direction (P, 6, n, n).
@@ -49,8 +55,9 @@ def buckling_force(kinematic: FloatArray, joint_stiffness: FloatArray) -> FloatA
 
     """
     L = np.linalg.cholesky(joint_stiffness)[:, None]
-    half = np.linalg.solve(L, kinematic)
-    largest = np.linalg.eigvalsh(np.linalg.solve(L, np.swapaxes(half, 2, 3)))[..., -1].max(axis=1)
+    half = np.linalg.solve(L, kinematic)  # L^-1 Kkin; its transpose is Kkin L^-T
+    eigenvalues = np.linalg.eigvalsh(np.linalg.solve(L, np.swapaxes(half, 2, 3)))  # (P, 6, n) [1/N]
+    largest = eigenvalues[..., -1].max(axis=1)
     with np.errstate(divide="ignore"):
         return np.asarray(np.where(largest > 1e-12, 1.0 / largest, np.inf))
 
@@ -71,7 +78,8 @@ def errors_by_friction(
         friction: of each joint (n) [N m or N].
 
     """
-    per_torque = np.swapaxes(np.linalg.solve(joint_stiffness, np.swapaxes(jacobian[:, :3], 1, 2)), 1, 2)
+    J = jacobian[:, :3]
+    per_torque = np.swapaxes(np.linalg.solve(joint_stiffness, np.swapaxes(J, 1, 2)), 1, 2)  # J Kq^-1 (P, 3, n)
     error = np.abs(per_torque) @ friction
-    compliance = np.einsum("pki,pki->pk", per_torque, jacobian[:, :3])
+    compliance = np.einsum("pki,pki->pk", per_torque, J)  # diagonal of J Kq^-1 J^T (P, 3)
     return np.asarray(error.max(axis=1)), np.asarray((error / compliance).max(axis=1))
