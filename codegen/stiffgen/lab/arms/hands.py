@@ -113,6 +113,7 @@ def relative_compliance(compliance: ArrayLike, pose_a: ArrayLike, pose_b: ArrayL
     C = symmetric("relative_compliance: compliance", _shape("relative_compliance: compliance", compliance, 12, 12))
     pa, pb = _origins("relative_compliance", pose_a, pose_b)
     arm = pb - pa
+    # relative twist: (vb, wb) - (va + wa x arm, wa) of twists (va, wa, vb, wb)
     L = np.zeros((*arm.shape[:-1], 6, 12))
     L[..., :, 6:] = np.eye(6)
     L[..., :, :6] = -np.eye(6)

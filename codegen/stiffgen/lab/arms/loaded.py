@@ -13,6 +13,7 @@ Joint limits are not considered.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -34,6 +35,9 @@ _STEEPER = 0.9
 _FLAT = 1e-8
 """Smallest divisor relative to the largest eigenvalue, where H is not positive definite."""
 _TOLERANCE = 1e-10
+"""[rad] or [m] largest entry of the last Newton step along a loaded path."""
+_STEPS = 100
+"""Steps of Newton's method towards one posture."""
 _NEAR = 0.1
 """[rad] or [m] that a joint may move between two loads of the loaded path."""
 _PATH_STEPS = 30
@@ -45,6 +49,8 @@ _SOFTER = 1 - 1e-9
 """Factor by which a smaller eigenvalue is less than rounding can make it."""
 _EXACT = 1e-10
 """Relative width of the last bracket of a buckling load."""
+_TINY = 1e-300
+"""Divisor in place of zero, where the dividend is zero, too."""
 
 
 @dataclass(frozen=True)
@@ -162,9 +168,11 @@ def settle(
     arm, (rest, F, first) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, F, first))
     q, converged, state = arm.newton(first, rest, F, tolerance, steps)
     return Settled(
-        q.reshape(*lead, -1), np.abs(state.residual).max(axis=-1).reshape(lead), converged.reshape(lead),
-        state.eigenvalues[:, 0].reshape(lead),
-    )  # fmt: skip
+        q=q.reshape(*lead, -1),
+        residual=np.abs(state.residual).max(axis=-1).reshape(lead),
+        converged=converged.reshape(lead),
+        stability=state.stability.reshape(lead),
+    )
 
 
 def buckling_load(
@@ -209,13 +217,16 @@ def buckling_load(
     arm, (rest, unit) = arm.broadcast(lead), (_rows(each, lead) for each in (rest, unit))
     load, at, trace = _follow(arm, rest, unit, most)
     state = arm.at(at, rest, np.where(np.isfinite(load), load, most)[:, None] * unit)
-    softest = _softest(arm, rest, unit, trace)
+    softest_load, softest_stability = _softest(arm, rest, unit, trace).T
     is_end = np.isfinite(load)  # there H loses definiteness: nothing on the path is softer
-    softest[is_end] = np.stack([load, state.eigenvalues[:, 0]], axis=1)[is_end]
     return BucklingLoad(
-        load.reshape(lead), at.reshape(*lead, -1), state.eigenvectors[..., 0].reshape(*lead, -1),
-        state.eigenvalues[:, 0].reshape(lead), softest[:, 0].reshape(lead), softest[:, 1].reshape(lead),
-    )  # fmt: skip
+        load=load.reshape(lead),
+        q=at.reshape(*lead, -1),
+        mode=state.eigenvectors[..., 0].reshape(*lead, -1),
+        stability=state.stability.reshape(lead),
+        softest_load=np.where(is_end, load, softest_load).reshape(lead),
+        softest_stability=np.where(is_end, state.stability, softest_stability).reshape(lead),
+    )
 
 
 class _Point(NamedTuple):
@@ -234,58 +245,76 @@ def _softest(arm: _Arm, rest: FloatArray, unit: FloatArray, trace: list[list[_Po
     loads that are equally soft up to rounding, the least one counts.
     """
     found = np.full((len(trace), 2), np.nan)
-    owners, ends, starts = list[int](), list[tuple[float, float]](), list[FloatArray]()
     for owner, path in enumerate(trace):
-        for k, point in enumerate(path):
-            if not point.stability >= _SOFTER * found[owner, 1]:  # also the first one
+        for point in path:
+            if not point.stability >= _SOFTER * found[owner, 1]:  # also the first one: NaN compares as false
                 found[owner] = point.load, point.stability
-            before, after = path[max(k - 1, 0)], path[min(k + 1, len(path) - 1)]
-            if before.stability * _SOFTER > point.stability <= after.stability:
-                owners.append(owner)
-                ends.append((before.load, after.load))
-                starts.append(point.q)
-    if not owners:
+    valleys = [_Valley(owner, *valley) for owner, path in enumerate(trace) for valley in _valleys(path)]
+    if not valleys:
         return found
-    part, (low, high), near = arm.rows(owners), np.array(ends).T, np.array(starts)
+    owners = [each.owner for each in valleys]
+    low, high = np.array([each.low for each in valleys]), np.array([each.high for each in valleys])
+    near = np.array([each.q for each in valleys])
+    part = arm.rows(owners)
     for _ in range(_SECTIONS):
-        loads = np.stack([high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)])  # (2, k): the two inner points
+        width = _GOLDEN * (high - low)
+        loads = np.stack([high - width, low + width])  # (2, k): the two inner points of each interval
         values = np.stack([part.stability_under(each, near, rest[owners], unit[owners]) for each in loads])
         for owner, load, value in zip([*owners, *owners], loads.ravel(), values.ravel(), strict=True):
             if value < _SOFTER * found[owner, 1]:
                 found[owner] = load, value
-        falls = values[0] > values[1]
+        falls = values[0] > values[1]  # the least eigenvalue is above the lower inner point
         low, high = np.where(falls, loads[0], low), np.where(falls, high, loads[1])
     return found
+
+
+class _Valley(NamedTuple):
+    """Interval of loads [N] of a path, by its number, in which the eigenvalue is least, and a posture in it (n)."""
+
+    owner: int
+    low: float
+    high: float
+    q: FloatArray
+
+
+def _valleys(path: list[_Point]) -> Iterator[tuple[float, float, FloatArray]]:
+    """Yield the loads beside each point of a path that is softer than both neighbours, and its posture.
+
+    An end of the path has itself as neighbour.
+    """
+    for k, point in enumerate(path):
+        before, after = path[max(k - 1, 0)], path[min(k + 1, len(path) - 1)]
+        if before.stability * _SOFTER > point.stability <= after.stability:
+            yield before.load, after.load, point.q
 
 
 def _follow(
     arm: _Arm, rest: FloatArray, unit: FloatArray, most: float
 ) -> tuple[FloatArray, FloatArray, list[list[_Point]]]:
-    """Return the loads (k) where paths from rest lose stability, the last stable postures (k, n), and the paths."""
-    at, converged, state = arm.newton(rest, rest, 0 * unit, _TOLERANCE, 100)
+    """Return the loads (k) where paths from rest lose stability, the last stable postures (k, n), and the paths.
+
+    Each load rises by its step while the posture stays stable and near; else its step is halved, until it is exact.
+    """
+    at, converged, state = arm.newton(rest, rest, 0 * unit, _TOLERANCE, _STEPS)
     load = np.zeros(len(rest))
+    load[~np.isfinite(state.eigenvalues).all(axis=1) | ~converged] = np.nan
     trace = [
         [_Point(0.0, value, q)] if is_at_rest and np.isfinite(value) else []
-        for value, q, is_at_rest in zip(state.eigenvalues[:, 0], at.copy(), converged, strict=True)
+        for value, q, is_at_rest in zip(state.stability, at.copy(), converged, strict=True)
     ]
-    load[~np.isfinite(state.eigenvalues).all(axis=1) | ~converged] = np.nan
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.abs(arm.tangent(state, unit)).max(axis=1)
-        step = np.minimum(np.where(slope > 0, _NEAR / 2 / slope, most), most)
-    growth, going = np.full(len(rest), 2.0), np.flatnonzero((state.eigenvalues[:, 0] > 0) & converged)
-    # Raise each load by its step while the posture stays stable and near; else halve the step, until it is exact.
+    step = _first_steps(arm, state, unit, most)
+    growth, going = np.full(len(rest), 2.0), np.flatnonzero((state.stability > 0) & converged)
     while len(going):
         trial = load[going] + step[going]
-        part = arm.rows(going)
-        q, converged, state = part.newton(
+        q, converged, state = arm.rows(going).newton(
             at[going], rest[going], trial[:, None] * unit[going], _TOLERANCE, _PATH_STEPS
-        )  # fmt: skip
-        # stable, and still on the path of the last posture
-        is_next = converged & (state.eigenvalues[:, 0] > 0) & (np.abs(q - at[going]).max(axis=1) <= _NEAR)
+        )
+        is_near = np.abs(q - at[going]).max(axis=1) <= _NEAR  # on the path of the last posture
+        is_next = converged & (state.stability > 0) & is_near
         reached, failed = going[is_next], going[~is_next]
         load[reached], at[reached] = trial[is_next], q[is_next]
         for k, row in zip(reached, np.flatnonzero(is_next), strict=True):
-            trace[k].append(_Point(trial[row], state.eigenvalues[row, 0], q[row]))
+            trace[k].append(_Point(trial[row], state.stability[row], q[row]))
         step[reached] *= growth[reached]
         step[failed] /= 2
         growth[reached], growth[failed] = 2.0, 1.0  # the first success after a failure does not lengthen the step
@@ -294,6 +323,13 @@ def _follow(
         load[is_exact & (load >= (1 - _EXACT) * most)] = np.inf
         going = going[~is_exact[going]]
     return load, at, trace
+
+
+def _first_steps(arm: _Arm, state: _State, unit: FloatArray, most: float) -> FloatArray:
+    """Return loads (k) [N] that move no joint by more than half of ``_NEAR``, by the tangent of the path at rest."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        motion = np.abs(arm.tangent(state, unit)).max(axis=1)  # [rad/N or m/N]
+        return np.asarray(np.minimum(np.where(motion > 0, _NEAR / 2 / motion, most), most))
 
 
 @dataclass(frozen=True)
@@ -305,6 +341,11 @@ class _State:
     J: FloatArray
     eigenvalues: FloatArray
     eigenvectors: FloatArray
+
+    @property
+    def stability(self) -> FloatArray:
+        """Smallest eigenvalue of H (k) [N m/rad]."""
+        return self.eigenvalues[:, 0]
 
 
 @dataclass(frozen=True)
@@ -365,51 +406,51 @@ class _Arm:
         return _State(residual, derivative, J, values, vectors)
 
     def tangent(self, state: _State, unit: FloatArray) -> FloatArray:
-        """Return the motion of the joints per force: H^-1 J^T u."""
+        """Return the motion of the joints per force: H^-1 J^T u, by H = V diag(values) V^T."""
         torque = np.einsum("kai,ka->ki", state.J, unit)
-        along = np.einsum("kji,kj->ki", state.eigenvectors, torque) / state.eigenvalues
-        motion: FloatArray = np.einsum("kij,kj->ki", state.eigenvectors, along)
+        along_modes = np.einsum("kji,kj->ki", state.eigenvectors, torque) / state.eigenvalues
+        motion: FloatArray = np.einsum("kij,kj->ki", state.eigenvectors, along_modes)
         return motion
 
     def stability_under(self, load: FloatArray, start: FloatArray, rest: FloatArray, unit: FloatArray) -> FloatArray:
         """Return the smallest eigenvalues of H (k) under loads, near postures; infinite where none is stable."""
-        _, converged, state = self.newton(start, rest, load[:, None] * unit, _TOLERANCE, 100)
-        value = state.eigenvalues[:, 0]
-        return np.where(converged & (value > 0), value, np.inf)
+        _, converged, state = self.newton(start, rest, load[:, None] * unit, _TOLERANCE, _STEPS)
+        return np.where(converged & (state.stability > 0), state.stability, np.inf)
 
     def newton(
         self, start: FloatArray, rest: FloatArray, F: FloatArray, tolerance: float, steps: int
     ) -> tuple[FloatArray, Any, _State]:
         """Return postures (k, n), whether they rest (k), and their states; start, rest (k, n), loads F (k, 6)."""
         q = np.array(start)
-        converged, going = np.zeros(len(q), dtype=bool), np.arange(len(q))
+        converged, going = np.zeros(len(q), dtype=bool), np.arange(len(q))  # rows that still move
         for _ in range(steps):
-            part = self.rows(going)
-            state = part.at(q[going], rest[going], F[going])
-            is_finite = np.isfinite(state.eigenvalues).all(axis=1)  # others are given up as NaN
-            q[going[~is_finite]] = np.nan
-            going, part = going[is_finite], part.rows(is_finite)
-            step = _step(state, is_finite)
-            at_rest = np.abs(step).max(axis=1, initial=0.0) <= tolerance
-            q[going[at_rest]] += step[at_rest]
-            converged[going[at_rest]] = True
-            going, step, part = going[~at_rest], step[~at_rest], part.rows(~at_rest)
+            state = self.rows(going).at(q[going], rest[going], F[going])
+            is_finite = np.isfinite(state.eigenvalues).all(axis=1)
+            q[going[~is_finite]] = np.nan  # given up
+            going, step, residual = going[is_finite], _step(state, is_finite), state.residual[is_finite]
+            is_at_rest = np.abs(step).max(axis=1, initial=0.0) <= tolerance
+            q[going[is_at_rest]] += step[is_at_rest]
+            converged[going[is_at_rest]] = True
+            going, step, residual = going[~is_at_rest], step[~is_at_rest], residual[~is_at_rest]
             if not len(going):
                 break
-            residual = state.residual[is_finite][~at_rest]
             # the others go on, by a step that is short enough to go downhill
-            q[going] += part.shortened(q[going], rest[going], F[going], residual, step)
+            q[going] += self.rows(going).shortened(q[going], rest[going], F[going], residual, step)
         return q, converged, self.at(q, rest, F)
 
     def shortened(
         self, q: FloatArray, rest: FloatArray, F: FloatArray, residual: FloatArray, step: FloatArray
     ) -> FloatArray:
-        """Return bounded steps that do not end higher up on the other side of a minimum."""
+        """Return bounded steps that do not end higher up on the other side of a minimum.
+
+        The energy's slope along a step is residual . step: downhill at the start. Where it is uphill by almost as much
+        at the end, the step has passed the minimum, and is halved.
+        """
         scale = np.minimum(1.0, _LONGEST / np.abs(step).max(axis=1))
         slope = np.abs((residual * step).sum(axis=1))
         for _ in range(_HALVINGS):
-            ahead = (self.at(q + scale[:, None] * step, rest, F).residual * step).sum(axis=1)
-            too_far = ~(ahead <= _STEEPER * slope)
+            slope_at_end = (self.at(q + scale[:, None] * step, rest, F).residual * step).sum(axis=1)
+            too_far = ~(slope_at_end <= _STEEPER * slope)  # also NaN
             if not too_far.any():
                 break
             scale[too_far] /= 2
@@ -418,14 +459,19 @@ class _Arm:
 
 
 def _step(state: _State, rows: Any) -> FloatArray:
-    """Return Newton steps; where H is not positive definite, steps downhill with the sizes of its eigenvalues."""
+    """Return Newton steps; where H is not positive definite, steps downhill with the sizes of its eigenvalues.
+
+    The latter are -V diag(1 / |values|) V^T residual, with H = V diag(values) V^T: along each mode as far as a spring
+    of that stiffness would move.
+    """
     values, vectors, residual = state.eigenvalues[rows], state.eigenvectors[rows], state.residual[rows]
     sizes = np.maximum(np.abs(values), _FLAT * np.abs(values).max(axis=1, initial=0.0)[:, None])
-    downhill = np.einsum("kji,kj->ki", vectors, residual) / np.maximum(sizes, 1e-300)
-    is_stable = values[:, 0] > sizes[:, -1] * _FLAT
-    derivative = np.where(is_stable[:, None, None], state.derivative[rows], np.eye(values.shape[1]))
+    along_modes = np.einsum("kji,kj->ki", vectors, residual) / np.maximum(sizes, _TINY)
+    downhill = np.einsum("kij,kj->ki", vectors, along_modes)
+    is_stable = (values[:, 0] > sizes[:, -1] * _FLAT)[:, None]
+    derivative = np.where(is_stable[:, None], state.derivative[rows], np.eye(values.shape[1]))
     newton = np.linalg.solve(derivative, residual[..., None])[..., 0]
-    step: FloatArray = -np.where(is_stable[:, None], newton, np.einsum("kij,kj->ki", vectors, downhill))
+    step: FloatArray = -np.where(is_stable, newton, downhill)
     return step
 
 

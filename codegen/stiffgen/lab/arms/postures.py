@@ -75,13 +75,18 @@ def find_postures(
     q = np.clip(np.vstack([start, low + spread[1:] * (high - low)]), low, high)
     for number in range(steps):  # the second half without a pull towards ``near``
         q = np.clip(q + _step(module, q, goal, start if number < steps // 2 else None), low, high)
-    postures = q[np.abs(_errors(_function(module, "forward_kinematics", q), goal)).max(axis=1) <= _REACHED]
-    postures = postures[np.argsort(np.linalg.norm(postures - start, axis=1), kind="stable")]
+    left = _errors(_function(module, "forward_kinematics", q), goal)
+    return _distinct(q[np.abs(left).max(axis=1) <= _REACHED], start)
+
+
+def _distinct(postures: FloatArray, near: FloatArray) -> FloatArray:
+    """Return postures (k, n) by their distance from another one, without those that are almost the same."""
+    ordered = postures[np.argsort(np.linalg.norm(postures - near, axis=1), kind="stable")]
     kept: list[FloatArray] = []
-    for posture in postures:
+    for posture in ordered:
         if all(np.abs(posture - other).max() > _ALIKE for other in kept):
             kept.append(posture)
-    return np.array(kept).reshape(-1, len(start))
+    return np.array(kept).reshape(-1, len(near))
 
 
 def _searched_ranges(
@@ -141,16 +146,17 @@ def _errors(poses: FloatArray, goal: FloatArray) -> FloatArray:
 
 
 def _step(module: Any, q: FloatArray, goal: FloatArray, near: FloatArray | None) -> FloatArray:
-    """Return damped steps of least squares, and a motion towards ``near`` that leaves the tip where it is."""
-    # Levenberg-Marquardt: (J^T W J + damping) step = J^T W error, with more damping far from the goal.
+    """Return damped steps (k, n) of least squares, and a motion towards ``near`` that leaves the tip where it is.
+
+    Levenberg-Marquardt: (J^T W J + damping) step = J^T W error, with more damping far from the goal.
+    """
     error, J = _errors(_function(module, "forward_kinematics", q), goal), _function(module, "jacobian", q)
     weight = np.array([1 / _SQUARED] * 3 + [1.0] * 3)
-    transposed = np.swapaxes(J, 1, 2)
-    A = transposed @ (weight[:, None] * J)
+    JT = np.swapaxes(J, 1, 2)
+    A = JT @ (weight[:, None] * J)
+    slope = (JT @ (weight * error)[..., None])[..., 0]
     squared_error = np.einsum("ki,i,ki->k", error, weight, error)
-    eye = np.eye(q.shape[1])
-    scale = np.maximum(np.trace(A, axis1=1, axis2=2), 1e-12)[:, None, None]
-    slope = (transposed @ (weight * error)[..., None])[..., 0]
+    eye, scale = np.eye(q.shape[1]), np.maximum(np.trace(A, axis1=1, axis2=2), 1e-12)[:, None, None]
     damping = _REGULAR * scale + _DAMPING * squared_error[:, None, None]
     step = np.linalg.solve(A + damping * eye, slope[..., None])[..., 0]
     if near is not None:

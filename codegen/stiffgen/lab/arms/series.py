@@ -7,6 +7,7 @@ Leading dimensions broadcast: stacks of configurations need no loop. All results
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,31 +43,43 @@ def in_series(Kq: ArrayLike, Kc: ArrayLike) -> FloatArray:
         StiffgenError: shapes do not fit, a matrix is not symmetric, or the gears have a negative or no stiffness (NaN).
 
     """
-    A, gears = symmetric("in_series: Kq", Kq), np.asarray(Kc, dtype=float)
-    n = A.shape[-1]
+    A = symmetric("in_series: Kq", Kq)
+    B, is_elastic = _gears(Kc, A.shape[-1])
+    A, B = np.broadcast_arrays(A, B)
+    is_finite: Any = np.isfinite(A + B).all(axis=(-1, -2), keepdims=True)
+    A, B = np.where(is_finite, A, np.eye(A.shape[-1])), np.where(is_finite, B, 0.0)
+    # The motors' equilibrium: A (links - twist) = B twist. Rigid gears have no twist.
+    total = (A + B)[..., is_elastic, :][..., :, is_elastic]
+    is_stable = is_finite & _is_positive_definite(total)[..., None, None]
+    total = np.where(is_stable, total, np.eye(int(is_elastic.sum())))
+    twist = np.zeros_like(A)  # of the gears, per motion of the links
+    twist[..., is_elastic, :] = np.linalg.solve(total, A[..., is_elastic, :])
+    motors = np.eye(A.shape[-1]) - twist
+    energy = _congruence(motors, A) + _congruence(twist, B)
+    return np.where(is_stable, energy, np.nan)
+
+
+def _gears(Kc: ArrayLike, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the stiffness (..., n, n) of the elastic gears, and which gears are elastic (n).
+
+    Raises:
+        StiffgenError: the shape does not fit, or the stiffness is negative, NaN or not symmetric.
+
+    """
+    gears = np.asarray(Kc, dtype=float)
     if gears.shape == (n,):
         if not (gears >= 0).all():
             raise StiffgenError(f"in_series: Kc {gears.tolist()} must be positive; give infinity for a rigid gear")
-        elastic = np.isfinite(gears)
-        B = np.diag(np.where(elastic, gears, 0.0))  # a rigid gear stores no energy
-    else:
-        if gears.shape[-2:] != (n, n):
-            raise StiffgenError(f"in_series: Kc must be ({n}) or (..., {n}, {n}), as Kq is, not {gears.shape}")
-        elastic, B = np.full(n, True), symmetric("in_series: Kc", gears)
-        smallest, size = np.linalg.eigvalsh(np.nan_to_num(B))[..., 0], np.abs(np.nan_to_num(B)).max(axis=(-1, -2))
-        if (smallest < -_NEGATIVE * size).any():
-            raise StiffgenError(f"in_series: Kc has the negative eigenvalue {smallest.min():.6g}; gears are passive")
-    A, B = np.broadcast_arrays(A, B)
-    finite = np.isfinite(A + B).all(axis=(-1, -2), keepdims=True)
-    A, B = np.where(finite, A, np.eye(n)), np.where(finite, B, 0.0)
-    total = (A + B)[..., elastic, :][..., :, elastic]
-    stable = finite & _is_positive_definite(total)[..., None, None]
-    total = np.where(stable, total, np.eye(int(elastic.sum())))
-    twist = np.zeros_like(A)  # of the gears, per motion of the links
-    twist[..., elastic, :] = np.linalg.solve(total, A[..., elastic, :])
-    motors = np.eye(n) - twist
-    energy = _congruence(motors, A) + _congruence(twist, B)
-    return np.where(stable, energy, np.nan)
+        is_elastic = np.isfinite(gears)
+        return np.diag(np.where(is_elastic, gears, 0.0)), is_elastic  # a rigid gear stores no energy
+    if gears.shape[-2:] != (n, n):
+        raise StiffgenError(f"in_series: Kc must be ({n}) or (..., {n}, {n}), as Kq is, not {gears.shape}")
+    B = symmetric("in_series: Kc", gears)
+    known = np.nan_to_num(B)
+    smallest, size = np.linalg.eigvalsh(known)[..., 0], np.abs(known).max(axis=(-1, -2))
+    if (smallest < -_NEGATIVE * size).any():
+        raise StiffgenError(f"in_series: Kc has the negative eigenvalue {smallest.min():.6g}; gears are passive")
+    return B, np.full(n, True)
 
 
 def tip_compliance_in_series(
@@ -112,18 +125,21 @@ def tip_compliance_in_series(
 
 
 def _transport(frame: FloatArray, tip: FloatArray, representation: Representation) -> FloatArray:
-    """Return T (..., 6, 6) from body twists of a frame to twists of the tip, which moves with the frame."""
-    turn = frame[..., :3, :3]
+    """Return T (..., 6, 6) from body twists of a frame to twists of the tip, which moves with the frame.
+
+    T = [[R, S], [0, R]] with the frame's axes R, seen in those of the representation. Column k of S is axis k x lever,
+    with the lever from the frame's origin to the point whose velocity the representation has.
+    """
+    R = frame[..., :3, :3]
     point = np.zeros(3) if representation == "spatial" else tip[..., :3, 3]
     lever = (point - frame[..., :3, 3])[..., None, :]
     if representation == "body":
-        axes = np.swapaxes(tip[..., :3, :3], -1, -2)
-        turn, lever = axes @ turn, lever @ tip[..., :3, :3]
-    swept = np.swapaxes(np.cross(np.swapaxes(turn, -1, -2), lever), -1, -2)  # column k: axis k x lever
-    turn = np.broadcast_to(turn, swept.shape)
-    return np.concatenate(
-        [np.concatenate([turn, swept], -1), np.concatenate([np.zeros_like(turn), turn], -1)], -2
-    )  # fmt: skip
+        to_tip_axes = np.swapaxes(tip[..., :3, :3], -1, -2)
+        R, lever = to_tip_axes @ R, lever @ tip[..., :3, :3]
+    S = np.swapaxes(np.cross(np.swapaxes(R, -1, -2), lever), -1, -2)
+    R = np.broadcast_to(R, S.shape)
+    upper, lower = np.concatenate([R, S], -1), np.concatenate([np.zeros_like(R), R], -1)
+    return np.concatenate([upper, lower], -2)
 
 
 def _congruence(X: FloatArray, A: FloatArray) -> FloatArray:
@@ -135,10 +151,12 @@ def _congruence(X: FloatArray, A: FloatArray) -> FloatArray:
 
 def _is_positive_definite(matrix: FloatArray) -> FloatArray:
     """Return for each matrix of a stack whether it is positive definite up to rounding; an empty one is."""
-    if matrix.shape[-1] == 0:
+    n = matrix.shape[-1]
+    if n == 0:
         return np.full(matrix.shape[:-2], True)
     values = np.linalg.eigvalsh(matrix)
-    result: FloatArray = values[..., 0] > 1e-15 * matrix.shape[-1] * np.abs(values).max(axis=-1)
+    rounding = 1e-15 * n * np.abs(values).max(axis=-1)
+    result: FloatArray = values[..., 0] > rounding
     return result
 
 

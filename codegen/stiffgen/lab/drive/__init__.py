@@ -54,26 +54,49 @@ def _namespace(*arrays: AnyArray) -> Any:
 
 
 def _factor(xp: Any, eta: AnyArray, square: AnyArray, form: str) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Return g of the energy g eps^T K eps and its first and second derivative with respect to eta."""
+    """Return g of the energy g eps^T K eps and its first and second derivative with respect to eta.
+
+    It is 2 for the form "trace", and 2 h^2 for "log", with the half angle over its sine h; ``square`` is |eps|^2.
+    """
     if form == "trace":
         return 2.0 + 0.0 * eta, 0.0 * eta, 0.0 * eta
     if form != "log":
         raise ValueError(f'form must be "trace" or "log", not {form!r}')
-    is_near = square < _SERIES_BOUND
-    x, away = xp.where(is_near, square, 0.0), xp.where(is_near, 1.0, square)
-    sine = xp.sqrt(away)
-    far = xp.arctan2(sine, eta) / sine
-    far_first = (eta * far - 1) / away
-    slope = 1 / 6 + x * (6 / 40 + x * (45 / 336))
-    h = xp.where(is_near, 1 + x * (1 / 6 + x * (3 / 40 + x * (15 / 336))), far)
-    first = xp.where(is_near, -2 * eta * slope, far_first)
-    bend = 6 / 40 + x * (90 / 336)
-    second = xp.where(is_near, 4 * eta**2 * bend - 2 * slope, (far + 3 * eta * far_first) / away)
+    h, first, second = _half_angle_over_sine(xp, eta, square)
     return 2 * h**2, 4 * h * first, 4 * (first**2 + h * second)
 
 
+def _half_angle_over_sine(xp: Any, eta: AnyArray, square: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Return h = arctan2(s, eta) / s with s^2 = ``square`` = 1 - eta^2, and its derivatives with respect to eta.
+
+    Far away s^2 h' = eta h - 1 and s^2 h'' = h + 3 eta h'. Near the target, where these lose all digits, h is a series
+    in x = s^2, with dx/deta = -2 eta: h = 1 + x/6 + 3 x^2/40 + 15 x^3/336.
+    """
+    is_near = square < _SERIES_BOUND
+    x, away = xp.where(is_near, square, 0.0), xp.where(is_near, 1.0, square)  # each where its formula holds
+    sine = xp.sqrt(away)
+    far = xp.arctan2(sine, eta) / sine
+    far_first = (eta * far - 1) / away
+    slope = 1 / 6 + x * (6 / 40 + x * (45 / 336))  # dh/dx
+    bend = 6 / 40 + x * (90 / 336)  # d2h/dx2
+    h = xp.where(is_near, 1 + x * (1 / 6 + x * (3 / 40 + x * (15 / 336))), far)
+    first = xp.where(is_near, -2 * eta * slope, far_first)
+    second = xp.where(is_near, 4 * eta**2 * bend - 2 * slope, (far + 3 * eta * far_first) / away)
+    return h, first, second
+
+
 class _Deflection:
-    """Rotation from the target as quaternion (eta, eps) with eta >= 0, and the products of the formulas."""
+    """Rotation from the target as quaternion (eta, eps) with eta >= 0, and the products of the formulas.
+
+    Attributes:
+        xp: module of the arrays' functions.
+        K: symmetric part of the stiffness (3, 3).
+        eta, eps: scalar (1) and vector part (3) of the quaternion.
+        g, dg, ddg: factor of the energy and its derivatives with respect to eta (1).
+        share: eps^T K eps (1), of which the energy is g times.
+        n: T^T K eps (3), with T = eta 1 + [eps]: a turn by y changes eps by T y / 2.
+
+    """
 
     def __init__(self, rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray, form: str) -> None:
         self.xp = xp = _namespace(rotation, target, rotation_stiffness)
@@ -84,14 +107,15 @@ class _Deflection:
                 "rotation and target must end with 4 numbers (x, y, z, w), rotation_stiffness with (3, 3), not have "
                 f"the shapes {b.shape}, {a.shape}, {K.shape}"
             )
+        # the product of the target's conjugate and the rotation
         eps = a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] - _cross(a[..., :3], b[..., :3])
         eta = (a * b).sum(-1, keepdims=True)
         scale = xp.where(eta < 0, -1.0, 1.0) / xp.sqrt(eta**2 + (eps**2).sum(-1, keepdims=True))
         self.K, self.eta, self.eps = 0.5 * (K + xp.swapaxes(K, -1, -2)), scale * eta, scale * eps
         self.g, self.dg, self.ddg = _factor(xp, self.eta, (self.eps**2).sum(-1, keepdims=True), form)
-        self.k = (self.K @ self.eps[..., None])[..., 0]
-        self.share = (self.eps * self.k).sum(-1, keepdims=True)
-        self.n = self.eta * self.k + _cross(self.k, self.eps)
+        K_eps = (self.K @ self.eps[..., None])[..., 0]
+        self.share = (self.eps * K_eps).sum(-1, keepdims=True)
+        self.n = self.eta * K_eps + _cross(K_eps, self.eps)
 
 
 def energy(rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray, form: str = "trace") -> AnyArray:
@@ -118,7 +142,8 @@ def energy(rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray, f
 def torque(rotation: AnyArray, target: AnyArray, rotation_stiffness: AnyArray, form: str = "trace") -> AnyArray:
     """Return the torque of the drive on the body (3) [N m], in the body's axes: minus the gradient of the energy.
 
-    Arguments and errors as in :func:`energy`.
+    Arguments and errors as in :func:`energy`. A turn by y changes eta by -eps . y / 2 and eps by T y / 2, and so the
+    energy g(eta) eps^T K eps by (g T^T K eps - g' (eps^T K eps) eps / 2) . y.
     """
     turn = _Deflection(rotation, target, rotation_stiffness, form)
     return 0.5 * turn.share * turn.dg * turn.eps - turn.g * turn.n
@@ -165,8 +190,9 @@ def damping(stiffness: AnyArray, inertia: AnyArray, ratio: float = 1.0) -> AnyAr
 
     """
     xp = _namespace(stiffness, inertia)
+    # With M = L L^T and L^-1 K L^-T = W diag(values) W^T the damping is 2 ratio L W diag(sqrt(values)) W^T L^T.
     L = xp.linalg.cholesky(xp.asarray(inertia))
     reduced = xp.linalg.solve(L, xp.swapaxes(xp.linalg.solve(L, xp.asarray(stiffness)), -1, -2))
-    values, vectors = xp.linalg.eigh(0.5 * (reduced + xp.swapaxes(reduced, -1, -2)))
-    modes = L @ vectors
+    values, W = xp.linalg.eigh(0.5 * (reduced + xp.swapaxes(reduced, -1, -2)))
+    modes = L @ W
     return 2 * ratio * (modes * xp.sqrt(xp.abs(values))[..., None, :]) @ xp.swapaxes(modes, -1, -2)

@@ -101,12 +101,7 @@ def joint_stiffness_deviation(
         sensor: its place in the tip's frame; None: the readings are those at the tip.
 
     """
-    to_sensor = np.eye(6)  # twist of the tip to the twist of the sensor, each in its own axes
-    if sensor is not None:
-        R = np.array(sensor.rotation, dtype=float)
-        to_sensor[:3, :3] = to_sensor[3:, 3:] = R.T
-        to_sensor[:3, 3:] = -R.T @ skew(np.array(sensor.translation, dtype=float))
-    position = np.asarray(q, dtype=float)
+    to_sensor, position = _to_sensor(sensor), np.asarray(q, dtype=float)
 
     def linear(F: FloatArray, Km: FloatArray) -> FloatArray:
         """Return Kq of a load and its changes per twist at the sensor; it is linear in both.
@@ -118,10 +113,21 @@ def joint_stiffness_deviation(
         return np.asarray(functions.body.joint_stiffness(position, load, K), dtype=float)
 
     value = linear(found.load, found.sign * found.fit.Km)
+    # the map itself, entry by entry of (load, Km), (6, 7): column 0 is the load
     units = np.eye(42).reshape(42, 6, 7)
-    size = value.size
-    rates = np.zeros((size, 42))
-    for k, unit in enumerate(units):
-        rates[:, k] = linear(unit[:, 0], unit[:, 1:]).ravel()
-    covariance = found.fit.covariance(rates.reshape(size, 6, 7))
+    rates = np.stack([linear(unit[:, 0], unit[:, 1:]).ravel() for unit in units], axis=1)
+    covariance = found.fit.covariance(rates.reshape(value.size, 6, 7))
     return MeasuredJointStiffness(value, np.sqrt(np.diag(covariance)).reshape(value.shape))
+
+
+def _to_sensor(sensor: MountedSensor | None) -> FloatArray:
+    """Return the map (6, 6) from twists of the tip to twists of the sensor, each in its own axes.
+
+    With the sensor at (R, p) in the tip's frame, its twist is (R^T (v + w x p), R^T w).
+    """
+    matrix = np.eye(6)
+    if sensor is not None:
+        R = np.array(sensor.rotation, dtype=float)
+        matrix[:3, :3] = matrix[3:, 3:] = R.T
+        matrix[:3, 3:] = -R.T @ skew(np.array(sensor.translation, dtype=float))
+    return matrix

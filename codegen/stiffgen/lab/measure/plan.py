@@ -29,6 +29,11 @@ PERIODS = (10, 12, 15, 21, 28, 29)
 RAMP = 1.0
 """[s] Time in which the motion grows at the start and dies away at the end."""
 _GUESS = np.array([1e-3] * 3 + [1e-2] * 3)
+"""Amplitudes [m, rad] from which those of a plan are scaled."""
+_SAMPLES_PER_PERIOD = 40
+_NEWTON_STEPS = 8
+_FOLLOWED = 1e-10
+"""[m, rad] error at which a posture has the sensor's pose."""
 
 
 @dataclass(frozen=True)
@@ -91,86 +96,105 @@ def plan_excitation(robot: GeneratedRobot, q: ArrayLike, options: PlanOptions) -
         raise StiffgenError(
             f"--plan: the posture has the shape {start.shape}, the robot {len(robot.chain.coordinates)} joints"
         )
+    amplitude, deviation, limit = _amplitudes(_checked_stiffness(options), options)
+    time, twist = _sines(amplitude, options)
+    path = _follow(robot, start, twist)
+    _check_path(robot, path, options.rate)
+    return Plan(time=time, twist=twist, q=path, amplitude=amplitude, deviation=deviation, limit=limit)
+
+
+def _checked_stiffness(options: PlanOptions) -> FloatArray:
+    """Return the expected stiffness (6, 6); StiffgenError if an option is out of its range."""
     given = np.asarray(options.stiffness, dtype=float)
     K = symmetric("--plan: the stiffness", np.diag(given) if given.ndim == 1 else given, 6)
     if not (np.linalg.eigvalsh(K) > 0).all():
         raise StiffgenError("--plan: the stiffness must be positive definite")
     numbers = (options.deviation, *options.noise, *options.most_wrench, options.duration, options.rate)
-    if not all(np.isfinite(numbers)) or min(numbers) <= 0 or options.rate * options.duration < 40 * max(PERIODS):
+    fewest = _SAMPLES_PER_PERIOD * max(PERIODS)
+    if not all(np.isfinite(numbers)) or min(numbers) <= 0 or options.rate * options.duration < fewest:
         raise StiffgenError(
             "--plan: deviation, noise, wrench, duration and rate must be positive, with 40 samples per period or more: "
-            f"{40 * max(PERIODS)} in all"
+            f"{fewest} in all"
         )
-    amplitude, deviation, limit = _amplitudes(K, options)
-    # six sines, each with a period of its own, faded in and out over RAMP seconds
+    return K
+
+
+def _sines(amplitude: FloatArray, options: PlanOptions) -> tuple[FloatArray, FloatArray]:
+    """Return time (N) [s] and twists (N, 6) [m, rad]: six sines with periods of their own, faded in and out in RAMP."""
     count = round(options.rate * (options.duration + 2 * RAMP)) + 1
     time = np.arange(count) / options.rate
-    ramp = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+    share = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+    fade = share**2 * (3 - 2 * share)  # from 0 to 1, at rest at both ends
     phase = 2 * np.pi * np.array(PERIODS) / options.duration * (time[:, None] - RAMP)
-    twist = amplitude * np.sin(phase) * (ramp**2 * (3 - 2 * ramp))[:, None]  # (N, 6) [m], [rad] of the sensor
-    path = _follow(robot, start, twist)
-    _check_path(robot, path, options.rate)
-    return Plan(time, twist, path, amplitude, deviation, limit)
+    return time, amplitude * np.sin(phase) * fade[:, None]
 
 
 def expected_turn(K: FloatArray, amplitude: FloatArray, options: PlanOptions) -> float:
-    """Return the largest standard deviation of the turn [rad] that a motion of these amplitudes would leave."""
+    """Return the largest standard deviation of the turn [rad] that a motion of these amplitudes would leave.
+
+    The columns 1 and a_k sin of N rows have the normal matrix diag(N, N a_k^2 / 2).
+    """
     rows = options.rate * options.duration
     noise = np.diag(np.repeat(np.square(options.noise), 3))
     information = np.diag([1.0 / rows, *(2.0 / (rows * amplitude**2))])
-    fit = StiffnessFit(K, np.zeros(6), noise, information, quadratic=False, residuals=np.zeros((0, 6)), growth=1.0)
-    errors = analyse_residual(fit, has_bias=options.has_bias).errors
-    return float(errors[0].deviation.max())
+    fit = StiffnessFit(
+        Km=K, load=np.zeros(6), noise=noise, information=information, quadratic=False, residuals=np.zeros((0, 6)),
+        growth=1.0,
+    )  # fmt: skip
+    turn, *_ = analyse_residual(fit, has_bias=options.has_bias).errors
+    return float(turn.deviation.max())
 
 
 def _amplitudes(K: FloatArray, options: PlanOptions) -> tuple[FloatArray, float, str]:
-    """Return the amplitudes (6) [m], [rad], the deviation [rad] that they leave, and the limit that binds, if any."""
-    # the deviation falls with the amplitude: factor that meets the one asked for
+    """Return the amplitudes (6) [m], [rad], the deviation [rad] that they leave, and the limit that binds, if any.
+
+    All amplitudes are one factor times a guess; the deviation falls in proportion to the factor.
+    """
     wanted = expected_turn(K, _GUESS, options) / options.deviation
-    per_unit = np.abs(K) @ _GUESS  # largest wrench of the guessed amplitudes [N], [N m]
+    wrench = np.abs(K) @ _GUESS  # largest one of the guessed amplitudes [N], [N m]
+    most_force, most_moment = options.most_wrench
     most = {  # the factors at which a limit is met
-        f"force of {options.most_wrench[0]:g} N": options.most_wrench[0] / float(np.linalg.norm(per_unit[:3])),
-        f"moment of {options.most_wrench[1]:g} N m": options.most_wrench[1] / float(np.linalg.norm(per_unit[3:])),
+        f"force of {most_force:g} N": most_force / float(np.linalg.norm(wrench[:3])),
+        f"moment of {most_moment:g} N m": most_moment / float(np.linalg.norm(wrench[3:])),
         f"{1000 * LINEAR[0]:g} mm": LINEAR[0] / float(np.linalg.norm(_GUESS[:3])),
         f"{1000 * LINEAR[1]:g} mrad": LINEAR[1] / float(np.linalg.norm(_GUESS[3:])),
     }
     limit = min(most, key=lambda name: most[name])
-    factor = min(wanted, most[limit])
-    amplitude = factor * _GUESS
+    amplitude = min(wanted, most[limit]) * _GUESS
     return amplitude, expected_turn(K, amplitude, options), limit if wanted > most[limit] else ""
 
 
 def _follow(robot: GeneratedRobot, start: FloatArray, twist: FloatArray) -> FloatArray:
     """Return joint positions (N, n) whose sensor poses are the start's, moved by the twists; Gauss-Newton steps."""
-    functions: Any = tip_functions(robot)
-    first = sensor_poses(robot, start[None])[0]
-    goal = first @ recorded_poses(twist, "vector")
+    goal = sensor_poses(robot, start[None])[0] @ recorded_poses(twist, "vector")
     path = np.repeat(start[None], len(twist), axis=0)
-    tip = np.asarray(functions.forward_kinematics(start), dtype=float)
-    for _ in range(8):
-        here = sensor_poses(robot, path)
-        error = np.concatenate(
-            [
-                goal[:, :3, 3] - here[:, :3, 3],
-                np.einsum(
-                    "nij,nj->ni",
-                    here[:, :3, :3],
-                    rotation_vectors(np.swapaxes(here[:, :3, :3], 1, 2) @ goal[:, :3, :3]),
-                ),
-            ],
-            axis=1,
-        )
-        if np.abs(error).max() < 1e-10:
+    for _ in range(_NEWTON_STEPS):
+        error = _pose_errors(sensor_poses(robot, path), goal)
+        if np.abs(error).max() < _FOLLOWED:
             return path
-        J = np.array(functions.hybrid.jacobian(path), dtype=float)
-        arm = here[:, :3, 3] - np.asarray(functions.forward_kinematics(path), dtype=float)[:, :3, 3]
-        # (n, 6, joints), now of the sensor's origin
-        J[:, :3] += np.cross(J[:, 3:], arm[:, :, None], axis=1)  # from the tip's origin to the sensor's
-        path = path + np.einsum("nij,nj->ni", np.linalg.pinv(J, rcond=1e-6), error)
+        path = path + np.einsum("nij,nj->ni", np.linalg.pinv(_sensor_jacobians(robot, path), rcond=1e-6), error)
+    tip = np.asarray(tip_functions(robot).forward_kinematics(start), dtype=float)
     raise StiffgenError(
         f"--plan: the arm cannot follow the motion at this posture (left: {np.abs(error).max():.2g} of m, rad, tip at "
         f"{np.round(tip[:3, 3], 3).tolist()} m); choose one away from singular postures"
     )
+
+
+def _pose_errors(here: FloatArray, goal: FloatArray) -> FloatArray:
+    """Return displacements and rotation vectors (N, 6) from poses to others (N, 4, 4), in base axes."""
+    R = here[:, :3, :3]
+    in_own_axes = rotation_vectors(np.swapaxes(R, 1, 2) @ goal[:, :3, :3])
+    return np.concatenate([goal[:, :3, 3] - here[:, :3, 3], np.einsum("nij,nj->ni", R, in_own_axes)], axis=1)
+
+
+def _sensor_jacobians(robot: GeneratedRobot, path: FloatArray) -> FloatArray:
+    """Return the hybrid Jacobians (N, 6, n) of the sensor's origin: the tip's, with v + w x (way to the sensor)."""
+    functions: Any = tip_functions(robot)
+    J = np.array(functions.hybrid.jacobian(path), dtype=float)
+    tip = np.asarray(functions.forward_kinematics(path), dtype=float)[:, :3, 3]
+    way = sensor_poses(robot, path)[:, :3, 3] - tip
+    J[:, :3] += np.cross(J[:, 3:], way[:, :, None], axis=1)
+    return J
 
 
 def _check_path(robot: GeneratedRobot, path: FloatArray, rate: float) -> None:

@@ -30,6 +30,10 @@ _LASTING = 2.0
 _CURVED = 0.05
 """Change of Km by terms of third order, over its diagonal, that is too large."""
 _AXES = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
+_HALVES = (slice(0, 3), slice(3, 6))
+"""Entries of translation and rotation, of force and moment."""
+_DEVIATIONS = 4.0
+"""Standard deviations that chance makes: of 36 entries one has 3."""
 
 
 def refusals(motion: PoseMotion, fit: StiffnessFit) -> list[str]:
@@ -38,32 +42,47 @@ def refusals(motion: PoseMotion, fit: StiffnessFit) -> list[str]:
 
 
 def eigenvalues(fit: StiffnessFit) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return eigenvalues (6,), deviations and vectors (6, 6) of the stiffness, scaled by its diagonal to numbers."""
+    """Return eigenvalues (6,), deviations and vectors (6, 6) of the stiffness, scaled by its diagonal to numbers.
+
+    An eigenvalue u^T S K S u changes by (S u)^T dKm (S u), with the scale S and its vector u held.
+    """
     K = fit.stiffness
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-300))
+    scale = _scale(K)
     values, vectors = np.linalg.eigh(K * np.outer(scale, scale))
-    along = vectors.T * scale
-    of = np.zeros((6, 6, 7))
+    along = vectors.T * scale  # row k: S u of eigenvalue k
+    of = np.zeros((6, 6, 7))  # per entry of (load, Km): the load, in column 0, has no part
     of[:, :, 1:] = along[:, :, None] * along[:, None, :]
     return values, np.sqrt(np.diag(fit.covariance(of))), vectors
 
 
+def _scale(K: FloatArray) -> FloatArray:
+    """Return the factors (6) that make the diagonal of a stiffness 1."""
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-300)))
+
+
 def drift_of(motion: PoseMotion) -> FloatArray:
-    """Return the regression (6, 6) of the velocity on the twist [1/s]; its symmetric part, of the ends, is left out."""
+    """Return the regression (6, 6) of the velocity on the twist [1/s]; its symmetric part, of the ends, is left out.
+
+    The sum of dx x^T over the motion is the area that pairs of coordinates enclose: x_k+1 x_k^T without its symmetric
+    part. Over the time it is the mean of velocity times twist.
+    """
     X = motion.twist - motion.twist.mean(axis=0)
-    area = X[1:].T @ X[:-1]
-    area = (area - area.T) / 2 / (motion.time[-1] - motion.time[0])
+    products = X[1:].T @ X[:-1]
+    area = (products - products.T) / 2 / (motion.time[-1] - motion.time[0])
     return np.asarray(area @ np.linalg.pinv(X.T @ X / len(X), hermitian=True))
 
 
 def faked_errors(motion: PoseMotion, fit: StiffnessFit) -> tuple[float, float]:
-    """Return the turn [rad] and the lever [m] of the sensor that a delay of DELAY would fake in this motion."""
+    """Return the turn [rad] and the lever [m] of the sensor that a delay of DELAY would fake in this motion.
+
+    Late readings are those of an earlier twist: Km changes by -DELAY Km times the velocity per twist.
+    """
     faked = residual_of(-DELAY * fit.Km @ drift_of(motion), np.zeros(6))
     size = np.sqrt(np.maximum(np.abs(np.diag(fit.Km)), 1e-300))
-    weight = 1.0 / (size[UPPER[0]] * size[UPPER[1]])
-    W = np.concatenate([sensor_columns(fit.Km, fit.load, name) for name in ("turn", "lever")], axis=1)
-    theta = np.linalg.lstsq(W * weight[:, None], faked * weight, rcond=1e-9)[0]
-    return float(np.linalg.norm(theta[:3])), float(np.linalg.norm(theta[3:]))
+    weight = 1.0 / (size[UPPER[0]] * size[UPPER[1]])  # of the 15 entries, which have several units
+    per_error = np.concatenate([sensor_columns(fit.Km, fit.load, name) for name in ("turn", "lever")], axis=1)
+    errors = np.linalg.lstsq(per_error * weight[:, None], faked * weight, rcond=1e-9)[0]
+    return float(np.linalg.norm(errors[:3])), float(np.linalg.norm(errors[3:]))
 
 
 def _one_way(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
@@ -107,28 +126,36 @@ def _no_function_of_pose(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]
 
 
 def _too_curved(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
-    """Compare with a fit that has radial terms of third order: twelve columns, X |v|^2 and X |w|^2.
-
-    X (rows, 6) is the twist from the mean pose, scaled to size 1; Z holds all columns. Yield a refusal if the
-    stiffness differs between both fits by more than four deviations and _CURVED.
-    """
-    size = np.maximum(np.sqrt((motion.twist**2).mean(axis=0)), 1e-300)
-    X = motion.twist / size
-    radial = [X * (X[:, part] ** 2).sum(axis=1, keepdims=True) for part in (slice(0, 3), slice(3, 6))]
-    Z = np.concatenate([columns(X, quadratic=True), *radial], axis=1)
-    if len(Z) < 2 * Z.shape[1]:
+    """Yield a refusal if terms of third order change the stiffness by more than four deviations and _CURVED."""
+    cubic = _fit_with_cubes(motion, fit.growth)
+    if cubic is None:
         return
-    values = np.linalg.lstsq(Z, motion.reading, rcond=None)[0]
-    Km = (values[1:7] / size[:, None]).T
-    left = motion.reading - Z @ values
-    noise = (left**2).sum(axis=0) / (len(Z) - Z.shape[1])
-    spread = np.sqrt(np.outer(noise, np.diag(np.linalg.pinv(Z.T @ Z, hermitian=True))[1:7] / size**2) * fit.growth)
+    Km, deviation = cubic
     scale = np.sqrt(np.maximum(np.abs(np.diag(fit.Km)), 1e-300))
-    relative = (np.abs(Km - fit.Km) - 4.0 * spread) / np.outer(scale, scale)  # of 36 entries one has 3 by chance
+    relative = (np.abs(Km - fit.Km) - _DEVIATIONS * deviation) / np.outer(scale, scale)
     if relative.max() > _CURVED:
-        farthest = [1000 * np.linalg.norm(motion.twist[:, part], axis=1).max() for part in (slice(0, 3), slice(3, 6))]
+        farthest = [1000 * np.linalg.norm(motion.twist[:, part], axis=1).max() for part in _HALVES]
         yield (
             f"too curved: over {farthest[0]:.3g} mm and {farthest[1]:.3g} mrad the stiffness changes by "
             f"{100 * relative.max():.0f} % by terms of third order; halve the motion, or choose a part of the "
             "recording with --window"
         )
+
+
+def _fit_with_cubes(motion: PoseMotion, growth: float) -> tuple[FloatArray, FloatArray] | None:
+    """Return Km (6, 6) and its deviations from a fit with radial terms of third order; None of too few rows.
+
+    These are twelve columns: the twist (v, w), scaled to size 1, times |v|^2, and times |w|^2. ``growth`` is the factor
+    of the covariance by errors that last.
+    """
+    size = np.maximum(np.sqrt((motion.twist**2).mean(axis=0)), 1e-300)
+    X = motion.twist / size
+    radial = [X * (X[:, part] ** 2).sum(axis=1, keepdims=True) for part in _HALVES]
+    Z = np.concatenate([columns(X, quadratic=True), *radial], axis=1)
+    if len(Z) < 2 * Z.shape[1]:
+        return None
+    values = np.linalg.lstsq(Z, motion.reading, rcond=None)[0]
+    left = motion.reading - Z @ values
+    noise = (left**2).sum(axis=0) / (len(Z) - Z.shape[1])  # variance of each channel
+    spread = np.diag(np.linalg.pinv(Z.T @ Z, hermitian=True))[1:7] / size**2  # of each entry of the twist
+    return (values[1:7] / size[:, None]).T, np.sqrt(np.outer(noise, spread) * growth)

@@ -25,6 +25,8 @@ NORMAL = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
 CONFUSED = 50.0
 """Factor by which others may widen the deviation of an error before it counts as not separable."""
+_BLIND = 1e-6
+"""Part of a direction that the readings may lack before an error along it counts as not seen."""
 
 ErrorVerdict = Literal["none", "found", "not separable"]
 
@@ -89,55 +91,67 @@ class Residual:
 
 
 def analyse_residual(fit: StiffnessFit, *, has_bias: bool) -> Residual:
-    """Return the residual of a fit and its causes; ``has_bias``: readings may have a bias that is not known."""
+    """Return the residual of a fit and its causes; ``has_bias``: readings may have a bias that is not known.
+
+    The causes theta follow from whitened least squares: r = W theta + noise of variance 1.
+    """
     values, operator = residual_of(fit.Km, fit.load), _operator()
     covariance = fit.covariance(operator)
     names = ("turn", "lever", "force bias", "moment bias") if has_bias else ("turn", "lever")
-    causes = {name: sensor_columns(fit.Km, fit.load, name) for name in names}
-    # Whitened least squares for the causes theta: r = W theta + noise of unit variance; columns scaled to length 1.
+    causes = np.concatenate([sensor_columns(fit.Km, fit.load, name) for name in names], axis=1)  # (15, 3 names)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    r, W = whiten @ values, whiten @ np.concatenate(list(causes.values()), axis=1)
-    scale = np.maximum(np.linalg.norm(W, axis=0), 1e-300)
+    r, W = whiten @ values, whiten @ causes
+    scale = np.maximum(np.linalg.norm(W, axis=0), 1e-300)  # columns of length 1, for the condition
     information = (W / scale).T @ (W / scale)
     inverse = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     theta, spread = inverse @ (W / scale).T @ r / scale, inverse / np.outer(scale, scale)
     # along a direction in which nothing is seen the pseudo-inverse has no spread
-    blind = np.diag(information @ inverse) < 1 - 1e-6
+    is_blind = np.diag(information @ inverse) < 1 - _BLIND
+    deviations = np.where(is_blind, np.inf, np.sqrt(np.diag(spread)))
     errors = []
-    for k, name in enumerate(causes):
+    for k, name in enumerate(names):
         part = slice(3 * k, 3 * k + 3)
-        deviation = np.where(blind[part], np.inf, np.sqrt(np.diag(spread)[part]))
-        errors.append(SensorError(name, theta[part], deviation, _verdict(theta, spread, scale, deviation, part)))
-    found = np.concatenate([np.full(3, each.verdict == "found") for each in errors])
-    explained = np.concatenate(list(causes.values()), axis=1) @ np.where(found, theta, 0.0)
-    chi2, over = float(r @ r), r - W @ theta  # before and after the causes; 15 entries in all
+        widened = deviations[part] * scale[part]  # 1 / scale: the deviation if all others were known
+        verdict = _verdict(theta[part], spread[part, part], widened)
+        errors.append(SensorError(name, theta[part], deviations[part], verdict))
+    found = np.repeat([each.verdict == "found" for each in errors], 3)
+    left_over = r - W @ theta
+    freedom = len(values) - np.linalg.matrix_rank(W / scale, tol=1e-6)
     return Residual(
-        values, covariance, chi2, tail(chi2, 15), tuple(errors), values - explained,
-        tail(float(over @ over), 15 - np.linalg.matrix_rank(W / scale, tol=1e-6)),
-    )  # fmt: skip
+        values=values,
+        covariance=covariance,
+        chi2=float(r @ r),
+        probability=tail(float(r @ r), len(values)),
+        errors=tuple(errors),
+        left=values - causes @ np.where(found, theta, 0.0),
+        left_probability=tail(float(left_over @ left_over), freedom),
+    )
 
 
-def _verdict(
-    theta: FloatArray, spread: FloatArray, scale: FloatArray, deviation: FloatArray, part: slice
-) -> ErrorVerdict:
-    """Return whether an error of three numbers is there; ``1 / scale`` is its deviation if all others were known."""
-    if (deviation * scale[part] > CONFUSED).any():
+def _verdict(value: FloatArray, spread: FloatArray, widened: FloatArray) -> ErrorVerdict:
+    """Return whether an error of three numbers with a covariance (3, 3) is there.
+
+    ``widened`` (3) are the factors by which the other errors widen its deviations.
+    """
+    if (widened > CONFUSED).any():
         return "not separable"
-    value = theta[part]
-    return "found" if tail(float(value @ np.linalg.solve(spread[part, part], value)), 3) < 0.05 else "none"
+    return "found" if tail(float(value @ np.linalg.solve(spread, value)), 3) < 0.05 else "none"
 
 
 def sensor_columns(Km: FloatArray, load: FloatArray, name: str) -> FloatArray:
-    """Return the change of the residual (15, 3) per number of an error of the sensor, by its name."""
+    """Return the change of the residual (15, 3) per number of an error of the sensor, by its name.
+
+    A turn or a lever changes readings by a matrix T (6, 6), and Km and load with them; a bias is a load of its own.
+    """
     rows = []
-    for axis in np.eye(3):
+    for k, axis in enumerate(np.eye(3)):
         T, bias = np.zeros((6, 6)), np.zeros(6)
         if name == "turn":  # readings in axes that are turned by a rotation vector: F - axis x F
             T[:3, :3] = T[3:, 3:] = -skew(axis)
         elif name == "lever":  # moments about an origin that is shifted: m - axis x f
             T[3:, :3] = -skew(axis)
         else:
-            bias[3 * (name == "moment bias") :][:3] = axis
+            bias[k + 3 if name == "moment bias" else k] = 1.0
         rows.append(residual_of(T @ Km, T @ load + bias))
     return np.stack(rows, axis=1)
 

@@ -121,6 +121,9 @@ def sensor_poses(robot: GeneratedRobot, q: FloatArray) -> FloatArray:
 def recorded_poses(columns: FloatArray, rotation: Rotation) -> FloatArray:
     """Return poses (N, 4, 4) from a position [m] with a unit quaternion (x, y, z, w) or a rotation vector [rad].
 
+    Rodrigues' formula gives the rotation as c 1 + s [a] + (1 - c) a a^T, with the unit axis a, and c and s of the
+    angle. Of a quaternion, whose vector part v has the length sin(angle / 2), it is c 1 + 2 w [v] + 2 v v^T.
+
     Raises:
         RecordingError: a quaternion is not of unit length within 1 %.
 
@@ -128,22 +131,27 @@ def recorded_poses(columns: FloatArray, rotation: Rotation) -> FloatArray:
     poses = np.tile(np.eye(4), (len(columns), 1, 1))
     poses[:, :3, 3], turn = columns[:, :3], columns[:, 3:]
     if rotation == "quaternion":
-        length = np.linalg.norm(turn, axis=1)
-        if (np.abs(length - 1) > 0.01).any():
-            row = int(np.abs(length - 1).argmax())
-            raise RecordingError(
-                f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; name six columns for a position "
-                "and a rotation vector"
-            )
-        axis, half = turn[:, :3] / length[:, None], turn[:, 3] / length  # sin(angle/2) times the axis; cos(angle/2)
-        sine, cosine = 2 * half, half**2 - (axis**2).sum(axis=1)
-        square = 2.0 * np.ones(len(columns))  # the axis above has sin(angle/2) in it
+        unit = _unit_quaternions(turn)
+        axis, w = unit[:, :3], unit[:, 3]
+        sine, cosine = 2 * w, w**2 - (axis**2).sum(axis=1)
+        square = 2.0 * np.ones(len(columns))
     else:
         angle = np.linalg.norm(turn, axis=1)
         axis = turn / np.maximum(angle, 1e-300)[:, None]
         sine, cosine = np.sin(angle), np.cos(angle)
         square = 1 - cosine
-    # Rodrigues' formula
-    for k, each in enumerate(axis):  # c I + s [a] + (1 - c) a a^T
+    for k, each in enumerate(axis):
         poses[k, :3, :3] = cosine[k] * np.eye(3) + sine[k] * skew(each) + square[k] * np.outer(each, each)
     return poses
+
+
+def _unit_quaternions(turn: FloatArray) -> FloatArray:
+    """Return quaternions (N, 4) of the length 1; RecordingError for one that is not of this length within 1 %."""
+    length = np.linalg.norm(turn, axis=1)
+    if (np.abs(length - 1) > 0.01).any():
+        row = int(np.abs(length - 1).argmax())
+        raise RecordingError(
+            f"row {row}: the quaternion has the length {length[row]:.3g}, not 1; name six columns for a position "
+            "and a rotation vector"
+        )
+    return np.asarray(turn / length[:, None])

@@ -163,13 +163,21 @@ def plan_slow_motion(robot: GeneratedRobot, posture: ArrayLike) -> FloatArray:
             raise StiffgenError(
                 f"--plan: joint '{each.name}' would leave its range, {_HALF_WAY:g} to each side; choose another posture"
             )
-    speed = 2 * _HALF_WAY / _LEG
+    sides = np.where(np.arange(len(middle)) % 2, -1.0, 1.0)
+    return np.asarray(middle + np.outer(_to_and_fro(), sides))
+
+
+def _to_and_fro() -> FloatArray:
+    """Return the way (N) [rad or m] of a joint from the middle: to one end, three times to the other, and back.
+
+    The speed is constant between the turns; its steps are averaged over the time of a turn, which makes them ramps.
+    """
     time = np.arange(round(_RATE * (4 * _LEG + 2 * _TURN)) + 1) / _RATE
-    turns = np.array([0.5, 1.5, 2.5, 3.5]) * _LEG + _TURN
-    wanted = speed * np.where(np.searchsorted(turns, time) % 2, -1.0, 1.0)
+    turns = np.array([0.5, 1.5, 2.5, 3.5]) * _LEG + _TURN  # [s] at the ends of the way
+    has_turned_back = np.searchsorted(turns, time) % 2
+    wanted = 2 * _HALF_WAY / _LEG * np.where(has_turned_back, -1.0, 1.0)
     wanted[(time < _TURN) | (time > time[-1] - _TURN)] = 0.0
     width = round(_RATE * _TURN)
     velocity = np.convolve(np.pad(wanted, (width, width)), np.ones(width) / width, mode="same")[width:-width]
-    way = np.concatenate([[0.0], np.cumsum(velocity[1:] + velocity[:-1]) / (2 * _RATE)])
-    sides = np.where(np.arange(len(middle)) % 2, -1.0, 1.0)
-    return np.asarray(middle + np.outer(way - way[-1] * time / time[-1], sides))
+    way = np.concatenate([[0.0], np.cumsum(velocity[1:] + velocity[:-1]) / (2 * _RATE)])  # by the trapezoidal rule
+    return np.asarray(way - way[-1] * time / time[-1])  # ends in the middle to the last bit
