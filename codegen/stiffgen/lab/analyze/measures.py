@@ -60,13 +60,20 @@ LIMIT_MARGIN = 0.1
 """Share of a joint's range by which a position may exceed a limit before its row is bad."""
 
 BINS = 2048
+"""Most bins of an envelope over the rows."""
 PER_DECADE = 100
+"""Bins per decade of the histograms."""
 DECADES = (-18, 9)
+"""Powers of ten between which the histograms lie."""
 GRID_PER_DECADE = 40
+"""Bins per decade of the grid of moments and antisymmetric parts."""
 GRID_DECADES = (-3, 4)
+"""Powers of ten between which the grid lies, on both axes."""
 NAMED_ROWS = 20
+"""Most rows that are named, of each kind of trouble."""
 _LARGEST = 1e150  # largest stiffness and wrench; squares must not overflow
-_A, _M = MEASURES.index("singular_value_antisymmetric"), MEASURES.index("moment")
+_PLACE = {name: column for column, name in enumerate(MEASURES)}
+"""Column of each measure."""
 
 
 def measured(robot: ModuleType, task: Task, q: FloatArray, wrench: FloatArray) -> FloatArray:
@@ -159,36 +166,38 @@ class Envelope:
         while (rows[-1] >> shift) - (rows[0] >> shift) >= BINS:
             shift += 1
         bins = rows >> shift
-        at = np.flatnonzero(np.diff(bins, prepend=-1))  # first row of each bin that has one
+        starts = np.flatnonzero(np.diff(bins, prepend=-1))  # first row of each bin that has one
         first, size = int(bins[0]), int(bins[-1] - bins[0]) + 1
         envelope = Envelope._empty(shift, first, size, values.shape[1])
-        place = bins[at] - first
+        place = bins[starts] - first
         known = ~np.isnan(values)
-        envelope.least[place] = np.minimum.reduceat(np.where(known, values, np.inf), at)
-        envelope.most[place] = np.maximum.reduceat(np.where(known, values, -np.inf), at)
-        envelope.total[place] = np.add.reduceat(np.where(known, values, 0.0), at)
-        envelope.count[place] = np.add.reduceat(known.astype(np.int64), at)
-        envelope.start[place] = np.minimum.reduceat(times, at)
-        envelope.stop[place] = np.maximum.reduceat(times, at)
+        # reduceat: over the rows from each start to the next one
+        envelope.least[place] = np.minimum.reduceat(np.where(known, values, np.inf), starts)
+        envelope.most[place] = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
+        envelope.total[place] = np.add.reduceat(np.where(known, values, 0.0), starts)
+        envelope.count[place] = np.add.reduceat(known.astype(np.int64), starts)
+        envelope.start[place] = np.minimum.reduceat(times, starts)
+        envelope.stop[place] = np.maximum.reduceat(times, starts)
         return envelope
 
     @staticmethod
     def _empty(shift: int, first: int, size: int, width: int) -> Envelope:
         """Return ``size`` bins without rows, from number ``first`` on, of ``width`` measures."""
         return Envelope(
-            shift,
-            first,
-            np.full((size, width), np.inf),
-            np.full((size, width), -np.inf),
-            np.zeros((size, width)),
-            np.zeros((size, width), dtype=np.int64),
-            np.full(size, np.inf),
-            np.full(size, -np.inf),
+            shift=shift,
+            first=first,
+            least=np.full((size, width), np.inf),
+            most=np.full((size, width), -np.inf),
+            total=np.zeros((size, width)),
+            count=np.zeros((size, width), dtype=np.int64),
+            start=np.full(size, np.inf),
+            stop=np.full(size, -np.inf),
         )
 
     def _add(self, other: Envelope) -> None:
-        """Add the bins of another envelope, which are as wide or narrower."""
-        place = ((np.arange(len(other.start)) + other.first) >> (self.shift - other.shift)) - self.first
+        """Add the bins of another envelope, which are as wide or narrower: several may fall into one bin."""
+        bins = np.arange(len(other.start)) + other.first
+        place = (bins >> (self.shift - other.shift)) - self.first
         np.minimum.at(self.least, place, other.least)
         np.maximum.at(self.most, place, other.most)
         np.add.at(self.total, place, other.total)
@@ -196,15 +205,17 @@ class Envelope:
         np.minimum.at(self.start, place, other.start)
         np.maximum.at(self.stop, place, other.stop)
 
+    def _span(self, shift: int) -> tuple[int, int]:
+        """Return the first and the last bin at another width of 2^shift rows, as wide or wider."""
+        wider = shift - self.shift
+        return self.first >> wider, (self.first + len(self.start) - 1) >> wider
+
     def merged(self, other: Envelope) -> Envelope:
         """Merge two envelopes, in bins as wide as needed."""
         shift = max(self.shift, other.shift)
         while True:
-            ends = [  # first and last bin of each, at this width
-                ((e.first >> (shift - e.shift)), ((e.first + len(e.start) - 1) >> (shift - e.shift)))
-                for e in (self, other)
-            ]
-            first, last = min(e[0] for e in ends), max(e[1] for e in ends)
+            (first, last), (other_first, other_last) = self._span(shift), other._span(shift)
+            first, last = min(first, other_first), max(last, other_last)
             if last - first < BINS:
                 break
             shift += 1
@@ -337,31 +348,41 @@ def judged(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Jud
     The first reason against a row counts: that of the reader, a number that is not finite, a position far beyond the
     limits, a stiffness that overflows.
     """
-    dof = len(columns.q)
-    values = block.values
-    timed = int(columns.time is not None)  # the time stands before the positions
-    q, wrench = columns.positions(values), values[:, timed + dof :]
-    reasons = dict(block.problems)
-    for index in np.flatnonzero(~np.isfinite(values).all(axis=1)):
-        reasons.setdefault(int(index), _not_a_number(columns, block, int(index)))
+    is_timed = columns.time is not None  # the time stands before the positions
+    q = columns.positions(block.values)
+    recorded = block.values[:, int(is_timed) + len(columns.q) :]
+    reasons = {**_beyond_limits(task, columns, q), **_not_finite(columns, block), **block.problems}
+    good = np.ones(len(block.values), dtype=bool)
+    good[list(reasons)] = False
+    wrench = task.wrench_of(robot, q, recorded)
+    analysed = measured(robot, task, q[good], wrench[good])
+    overflows = np.isnan(analysed[:, 0])
+    for index in np.flatnonzero(good)[overflows]:
+        reasons[int(index)] = RowProblem("overflow", "the stiffness is beyond what floating point holds")
+        good[index] = False
+    return Judged(good, q, wrench, analysed[~overflows], reasons)
+
+
+def _not_finite(columns: Columns, block: Block) -> dict[int, RowProblem]:
+    """Return what is wrong with the rows of a block that have a number which is not finite, by index."""
+    rows = np.flatnonzero(~np.isfinite(block.values).all(axis=1)).tolist()
+    return {index: _not_a_number(columns, block, index) for index in rows}
+
+
+def _beyond_limits(task: Task, columns: Columns, q: FloatArray) -> dict[int, RowProblem]:
+    """Return what is wrong with the rows whose positions (N, n) are far beyond the limits, by index."""
     margin = LIMIT_MARGIN * (task.upper - task.lower)
-    with np.errstate(invalid="ignore"):  # a NaN compares as not beyond; its row has a reason already
-        beyond = (q < task.lower - margin) | (q > task.upper + margin)
-    for index in np.flatnonzero(beyond.any(axis=1)):
-        joint = int(np.argmax(beyond[index]))
+    with np.errstate(invalid="ignore"):  # a NaN compares as not beyond; its row has another reason
+        is_beyond = (q < task.lower - margin) | (q > task.upper + margin)
+    found = {}
+    for index in np.flatnonzero(is_beyond.any(axis=1)).tolist():
+        joint = int(np.argmax(is_beyond[index]))  # the first one
         text = (
             f"{columns.q[joint]} is {q[index, joint]:.6g}, far beyond the joint's limits "
             f"{task.lower[joint]:.6g} ... {task.upper[joint]:.6g}"
         )
-        reasons.setdefault(int(index), RowProblem("beyond joint limits", text))
-    good = np.ones(len(values), dtype=bool)
-    good[list(reasons)] = False
-    wrench = task.wrench_of(robot, q, wrench)
-    analysed = measured(robot, task, q[good], wrench[good])
-    for index in np.flatnonzero(good)[np.isnan(analysed[:, 0])]:
-        reasons[int(index)] = RowProblem("overflow", "the stiffness is beyond what floating point holds")
-        good[index] = False
-    return Judged(good, q, wrench, analysed[~np.isnan(analysed[:, 0])], reasons)
+        found[index] = RowProblem("beyond joint limits", text)
+    return found
 
 
 def summarise(robot: ModuleType, task: Task, columns: Columns, block: Block) -> Summary:
@@ -393,9 +414,9 @@ def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | Non
     known = ~np.isnan(values)
     filled = np.where(known, values, 0.0)
     low, high = np.where(known, values, np.inf), np.where(known, values, -np.inf)
-    # columns as in MEASURES
-    smallest, largest = values[:, 3], values[:, 4]  # eigenvalues of the corrected stiffness
-    tolerance = INDEFINITE * np.abs(values[:, 3:5]).max(axis=1)
+    measure = {name: values[:, column] for name, column in _PLACE.items()}
+    smallest, largest = measure["eigenvalue_smallest"], measure["eigenvalue_largest"]
+    tolerance = INDEFINITE * np.maximum(np.abs(smallest), np.abs(largest))
     result = Summary(
         good=len(rows),
         count=known.sum(axis=0),
@@ -406,9 +427,9 @@ def _of_good_rows(rows: NDArray[np.int64], q: FloatArray, time: FloatArray | Non
         least_row=rows[low.argmin(axis=0)],
         most_row=rows[high.argmax(axis=0)],
         indefinite=int(((smallest < -tolerance) & (largest > tolerance)).sum()),
-        asymmetric=int((values[:, 2] != 0).sum()),  # largest entry of the corrected antisymmetric part
+        asymmetric=int((measure["corrected_antisymmetric"] != 0).sum()),
         histogram=_histogram(values),
-        grid=_grid(values[:, _M], values[:, _A]),
+        grid=_grid(measure["moment"], measure["singular_value_antisymmetric"]),
         q_least=q.min(axis=0),
         q_most=q.max(axis=0),
         first_good=int(rows[0]),
@@ -434,17 +455,20 @@ def _decade_bins(values: FloatArray, decades: tuple[int, int], per_decade: int) 
 
 
 def _histogram(values: FloatArray) -> NDArray[np.int64]:
+    """Return the counts (M, bins) of measures (N, M) on the logarithmic grid; NaN counts nowhere."""
     size = (DECADES[1] - DECADES[0]) * PER_DECADE + 2
     bins = _decade_bins(values, DECADES, PER_DECADE)
-    return np.stack(
-        [np.bincount(bins[~np.isnan(values[:, m]), m], minlength=size) for m in range(values.shape[1])]
-    ).astype(np.int64)
+    known = ~np.isnan(values)
+    counts = [np.bincount(bins[known[:, m], m], minlength=size) for m in range(values.shape[1])]
+    return np.stack(counts).astype(np.int64)
 
 
 def _grid(moment: FloatArray, antisymmetric: FloatArray) -> NDArray[np.int64]:
+    """Return the counts (bins, bins) of rows by moment [N m] and antisymmetric part, each (N)."""
     size = (GRID_DECADES[1] - GRID_DECADES[0]) * GRID_PER_DECADE + 2
     x, y = (_decade_bins(v, GRID_DECADES, GRID_PER_DECADE) for v in (moment, antisymmetric))
-    return np.bincount(x * size + y, minlength=size * size).reshape(size, size).astype(np.int64)
+    counts = np.bincount(x * size + y, minlength=size * size)  # of each cell, row by row
+    return counts.reshape(size, size).astype(np.int64)
 
 
 def stiffness_unit(chain: Chain) -> str:

@@ -166,25 +166,37 @@ def _faults(cpp: ctypes.CDLL, c: ctypes.CDLL, material: Material) -> list[str]:
     robot = material.robot
     faults = [_text(cpp.compare_constants)]
     if robot.has_controller:
-        limits = [(max(each.lower, -1.0) + min(each.upper, 1.0)) / 2 for each in robot.chain.coordinates]
-        torque = np.full(robot.chain.dof, 0.5) * np.min([min(each.effort, 10.0) for each in robot.chain.coordinates])
-        faults.append(_text(cpp.compare_controller, np.array(limits), torque))
+        middle = [(max(each.lower, -1.0) + min(each.upper, 1.0)) / 2 for each in robot.chain.coordinates]
+        least_effort = np.min([min(each.effort, 10.0) for each in robot.chain.coordinates])
+        torque = np.full(robot.chain.dof, 0.5) * least_effort
+        faults.append(_text(cpp.compare_controller, np.array(middle), torque))
     for kernel in robot.table:
         stacks = [
             np.ascontiguousarray(stack.reshape(COUNT, -1), dtype=robot.scalar.dtype)
             for stack in material.states(kernel)
         ]
-        name = kernel.qualified_name
-        sizes = [result.array(robot.chain).size for result in kernel.results]
         for state in range(COUNT):
-            given = [stack[state] for stack in stacks]
-            expected, written, returned = ([np.zeros(size, robot.scalar.dtype) for size in sizes] for _ in range(3))
-            c[f"{robot.name}_{name}"](*map(_address, given + expected))
-            cpp[f"cpp_{name}"](_pointers(given), _pointers(written), _pointers(returned))
-            for which, found in (("written", written), ("returned", returned)):
-                faults += [f"{name}, {which}"] * (not _same(found, expected))
+            faults += _single_faults(kernel, [stack[state] for stack in stacks], cpp, c, material)
         faults += _batch_faults(kernel, stacks, cpp, c, material)
     return list(dict.fromkeys(filter(None, faults)))
+
+
+def _single_faults(
+    kernel: Kernel, given: list[FloatArray], cpp: ctypes.CDLL, c: ctypes.CDLL, material: Material
+) -> list[str]:
+    """Return which of a kernel's two overloads differ from C at one state: results written, or returned."""
+    robot, name = material.robot, kernel.qualified_name
+    sizes = [result.array(robot.chain).size for result in kernel.results]
+    expected, written, returned = (_zeros(sizes, material) for _ in range(3))
+    c[f"{robot.name}_{name}"](*map(_address, given + expected))
+    cpp[f"cpp_{name}"](_pointers(given), _pointers(written), _pointers(returned))
+    overloads = {f"{name}, written": written, f"{name}, returned": returned}
+    return [overload for overload, found in overloads.items() if not _same(found, expected)]
+
+
+def _zeros(sizes: Sequence[int], material: Material) -> list[FloatArray]:
+    """Return arrays of zeros of the robot's scalar type."""
+    return [np.zeros(size, material.robot.scalar.dtype) for size in sizes]
 
 
 def _batch_faults(
@@ -192,18 +204,19 @@ def _batch_faults(
 ) -> list[str]:
     """Return the batches whose results differ, with every argument in a row, and with the first one shared."""
     robot, faults = material.robot, []
-    rows = [stack.shape[1] for stack in stacks]
+    rows = [stack.shape[1] for stack in stacks]  # entries from one state's argument to the next
     for batch in kernel.batches:
         public = f"{kernel.qualified_name}{batch.suffix}"
         sizes = [COUNT * result.array(robot.chain).size for result in batch.results]
         for steps in (rows, [0, *rows[1:]]):
-            expected, found = ([np.zeros(size, robot.scalar.dtype) for size in sizes] for _ in range(2))
+            expected, found = _zeros(sizes, material), _zeros(sizes, material)
             given: list[Any] = []
             for stack, step in zip(stacks, steps, strict=True):
                 given += [_address(stack), ctypes.c_ssize_t(step)]
             c[f"{robot.name}_{public}"](ctypes.c_size_t(COUNT), *given, *map(_address, expected))
             cpp[f"cpp_{public}"](_pointers(stacks), (ctypes.c_ssize_t * len(steps))(*steps), _pointers(found))
-            faults += [public] * (not _same(found, expected))
+            if not _same(found, expected):
+                faults.append(public)
     return faults
 
 

@@ -61,16 +61,24 @@ def _casadi(function: Any, given: Stacks, directions: Stacks, cotangents: Stacks
         weights = [_matrix(each[state]) for each in cotangents]
         gradients = function.reverse(1).call([*matrices, *results, *weights])
         reverse.append(sum(float((np.array(g) * rate).sum()) for g, rate in zip(gradients, rates, strict=True)))
-        blocks = iter(function.jacobian().call([*matrices, *results]))
-        forward.append(
-            sum(
-                float(weight.ravel(order="F") @ np.array(next(blocks)) @ rate.ravel(order="F"))
-                for weight in weights
-                for rate in rates
-            )
-        )
+        jacobian = function.jacobian().call([*matrices, *results])
+        forward.append(_casadi_forward(jacobian, weights, rates))
     stacked = [np.stack(each) for each in zip(*values, strict=True)]
-    return stacked, *((np.array(reverse), np.array(forward)) if cotangents else (None, None))
+    if not cotangents:
+        return stacked, None, None
+    return stacked, np.array(reverse), np.array(forward)
+
+
+def _casadi_forward(jacobian: list[Any], weights: list[Any], rates: list[Any]) -> float:
+    """Return weights . J . rates from CasADi's blocks of J: result by result, and in each argument by argument.
+
+    CasADi counts the entries of a matrix column by column.
+    """
+    pairs = [(weight, rate) for weight in weights for rate in rates]
+    return sum(
+        float(weight.ravel(order="F") @ np.array(block) @ rate.ravel(order="F"))
+        for block, (weight, rate) in zip(jacobian, pairs, strict=True)
+    )
 
 
 def _matrix(value: Any) -> Any:

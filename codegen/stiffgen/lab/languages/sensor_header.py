@@ -58,6 +58,9 @@ int sensor_is_known(const char *text)
 _BOUND = 1e-9
 """Largest relative difference: the conditions of the drawn matrices are below 1e3."""
 _TIME, _FREQUENCY, _WIDTH = 0.001, 30.0, 12.0
+"""Sample time [s], corner or middle of the filters [Hz], and width of the notch [Hz]."""
+_LOW_PASS_1, _LOW_PASS_2, _NOTCH = 1, 2, 3
+"""Numbers of the filters in the driver."""
 _HALF_POWER = math.sqrt(0.5)
 _BIAS, _PAYLOAD = (0.5, -1.25, 3.0, 0.02, -0.04, 0.125), (1.5, 0.01, -0.03, 0.0625)
 _CALIBRATION = f'{{"generator": "x", "bias": {list(_BIAS)}, "noise": [9, 9], "payload": {list(_PAYLOAD)}}}'
@@ -78,40 +81,52 @@ def check_sensor_header(material: Material) -> list[Check]:
 
 def _faults(library: ctypes.CDLL, chain: Chain) -> Iterator[str]:
     """Yield the functions whose results differ."""
-    dof, sensor = chain.dof, json.dumps(chain.sensor.text) if chain.sensor else None
     random = np.random.default_rng(0)
     library.sensor_wrench.restype = ctypes.c_double
     for damping in (0.0, 0.3):
         for weighted in (False, True):
-            yield from _wrench_faults(library, random, dof, damping, weighted=weighted)
-    for kind, name in ((1, "low_pass_1"), (2, "low_pass_2"), (3, "notch")):
+            yield from _wrench_faults(library, random, chain.dof, damping, weighted=weighted)
+    for kind, name in ((_LOW_PASS_1, "low_pass_1"), (_LOW_PASS_2, "low_pass_2"), (_NOTCH, "notch")):
         yield from (f"{name}: {fault}" for fault in _filter_faults(library, random, kind))
+    yield from _calibration_faults(library, json.dumps(chain.sensor.text) if chain.sensor else None)
+
+
+def _calibration_faults(library: ctypes.CDLL, sensor: str | None) -> Iterator[str]:
+    """Yield the functions that read a calibration's file wrongly; ``sensor`` is the robot's own one as JSON."""
     read = np.zeros(10)
-    values = ctypes.c_void_p(read.ctypes.data), ctypes.c_void_p(read[6:].ctypes.data)
-    is_read = library.sensor_read(_CALIBRATION.encode(), *values)
+    bias, payload = ctypes.c_void_p(read.ctypes.data), ctypes.c_void_p(read[6:].ctypes.data)
+    is_read = library.sensor_read(_CALIBRATION.encode(), bias, payload)
     if not is_read or tuple(read) != _BIAS + _PAYLOAD:
         yield "read_calibration"
-    if library.sensor_read(_CALIBRATION.replace("payload", "load").encode(), *values):
+    if library.sensor_read(_CALIBRATION.replace("payload", "load").encode(), bias, payload):
         yield "read_calibration reads a file without payload"
-    texts = [f'{{"sensor": {each}}}' for each in (sensor or "", '"another link"')]
-    if [library.sensor_is_known(each.encode()) for each in texts] != [sensor is not None, False]:
+    own, other = (f'{{"sensor": {each}}}'.encode() for each in (sensor or "", '"another link"'))
+    if [library.sensor_is_known(own), library.sensor_is_known(other)] != [sensor is not None, False]:
         yield "is_of_sensor"
 
 
 def _wrench_faults(
     library: ctypes.CDLL, random: np.random.Generator, dof: int, damping: float, *, weighted: bool
 ) -> Iterator[str]:
-    """Yield the differences of a wrench from the damped least squares by singular values."""
+    """Yield the differences of a wrench from the damped least squares by singular values.
+
+    J^T F = torque in the least-squares sense: with J^T = U diag(s) V^T that is F = V diag(s / (s^2 + damping^2)) U^T
+    torque, rows and torques divided by their deviations.
+    """
     jacobian, torque, deviation = random.normal(size=(6, dof)), random.normal(size=dof), random.uniform(0.5, 2.0, dof)
     scale = deviation if weighted else np.ones(dof)
     wrench, unexplained = np.zeros(6), np.zeros(dof)
-    addresses = [ctypes.c_void_p(each.ctypes.data) for each in (jacobian, torque, deviation, wrench, unexplained)]
-    given = (*addresses[:2], addresses[2] if weighted else None, ctypes.c_double(damping), *addresses[3:])
-    condition = library.sensor_wrench(*given)
-    # J^T F = torque in the least-squares sense: singular values s damped as s / (s^2 + damping^2).
+    condition = library.sensor_wrench(
+        _address(jacobian),
+        _address(torque),
+        _address(deviation) if weighted else None,
+        ctypes.c_double(damping),
+        _address(wrench),
+        _address(unexplained),
+    )
     U, s, Vt = np.linalg.svd(jacobian.T / scale[:, None], full_matrices=False)
-    is_bounded = dof >= 6
-    if is_bounded or damping:
+    is_determined = dof >= 6
+    if is_determined or damping:
         expected = Vt.T @ (s / (s**2 + damping**2) * (U.T @ (torque / scale)))
         if not _close(wrench, expected):
             yield "external_wrench"
@@ -119,8 +134,13 @@ def _wrench_faults(
             yield "external_wrench, unexplained"
     elif not np.isnan(wrench).all():
         yield "external_wrench of fewer than six joints without damping"
-    if not (math.isclose(condition, s[0] / s[-1], rel_tol=_BOUND) if is_bounded else math.isinf(condition)):
+    is_right = math.isclose(condition, s[0] / s[-1], rel_tol=_BOUND) if is_determined else math.isinf(condition)
+    if not is_right:
         yield "external_wrench, condition"
+
+
+def _address(array: FloatArray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
 
 
 def _filter_faults(library: ctypes.CDLL, random: np.random.Generator, kind: int) -> Iterator[str]:
@@ -134,15 +154,15 @@ def _filter_faults(library: ctypes.CDLL, random: np.random.Generator, kind: int)
         return
     if _call_filter(library, kind, 0.5 / _TIME, np.zeros(6), np.zeros((1, 6))):
         yield "half the sampling rate is accepted"
-    b, a, delay = design[:3], np.array([1.0, *design[3:5]]), float(design[5])
+    b, a, delay = design[:3], np.array([1.0, *design[3:5]]), float(design[5])  # numerator, denominator, samples
     gains = [abs(_response(b, a, frequency)) for frequency in (0.0, _FREQUENCY)]
-    wanted = [1.0, 0.0 if kind == 3 else _HALF_POWER]
+    wanted = [1.0, 0.0 if kind == _NOTCH else _HALF_POWER]
     # The first-order filter is exact in time; its gain at the corner is not.
-    if not np.allclose(gains, wanted, rtol=0.05 if kind == 1 else _BOUND, atol=_BOUND):
+    if not np.allclose(gains, wanted, rtol=0.05 if kind == _LOW_PASS_1 else _BOUND, atol=_BOUND):
         yield "gain"
-    if kind == 3 and not _has_width(b, a):
+    if kind == _NOTCH and not _has_width(b, a):
         yield "width"
-    slow = 1e-5 / _TIME
+    slow = 1e-5 / _TIME  # [Hz]: there the phase is the delay
     lag = -np.angle(_response(b, a, slow)) / (math.tau * slow * _TIME)
     if not math.isclose(delay, lag, rel_tol=1e-5, abs_tol=1e-5):
         yield "delay"
@@ -158,7 +178,7 @@ def _call_filter(library: ctypes.CDLL, kind: int, frequency: float, design: Floa
 
 
 def _response(b: FloatArray, a: FloatArray, frequency: float) -> Any:
-    """Return the response of a filter at a frequency [Hz]."""
+    """Return the response of a filter at a frequency [Hz]: b(z) / a(z) in powers of 1/z, z on the unit circle."""
     powers = np.exp(-1j * math.tau * frequency * _TIME * np.arange(3))
     return (b @ powers) / (a @ powers)
 

@@ -12,7 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -84,14 +84,19 @@ def _copied(material: Material) -> Path:
     for file in {"manifest.json", *robot.manifest["files"], *compiled}:
         (copy / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / file, copy / file)
+    _build_library(material, copy, "casadi", [])
     jax = part("jax.build")
-    for which, headers in (("casadi", []), ("jax", jax.headers() if jax else [])):
-        if which == "casadi" or headers:
-            flags = (f"-I{each}" for each in headers)
-            sources = [copy / "python" / f"{robot.name}_{part}.c" for part in (which, "calls")]
-            stem = copy / "python" / f"{robot.name}_{which}"
-            build_beside([material.library], sources, stem, copy, flags=("-std=gnu99", *flags))
+    if jax and (headers := jax.headers()):
+        _build_library(material, copy, "jax", headers)
     return copy
+
+
+def _build_library(material: Material, copy: Path, framework: str, headers: Sequence[Any]) -> None:
+    """Compile the library of a framework beside the Python modules of a copied folder."""
+    stem = copy / "python" / f"{material.robot.name}_{framework}"
+    sources = [copy / "python" / f"{material.robot.name}_{each}.c" for each in (framework, "calls")]
+    flags = ("-std=gnu99", *(f"-I{each}" for each in headers))
+    build_beside([material.library], sources, stem, copy, flags=flags)
 
 
 def _cases(material: Material) -> Iterator[_Case]:
@@ -104,29 +109,37 @@ def _cases(material: Material) -> Iterator[_Case]:
             continue
         given = material.states(kernel)
         values = [np.asarray(each) for each in as_results(material.single[kernel.qualified_name](*given))]
-        none = np.zeros(COUNT)
         if product is None:
-            yield _Case(kernel, given, [], [], values, none, none)
+            nothing = np.zeros(COUNT)
+            yield _Case(kernel, given, directions=[], cotangents=[], values=values, change=nothing, terms=nothing)
             continue
         cotangents = [random.normal(size=each.shape) for each in values]
-        bars = as_results(material.single[product.qualified_name](*given, *cotangents))
+        bars = [np.asarray(each) for each in as_results(material.single[product.qualified_name](*given, *cotangents))]
         rates = [random.normal(size=np.shape(bar)) for bar in bars]
-        terms = [(np.asarray(bar) * rate).reshape(COUNT, -1) for bar, rate in zip(bars, rates, strict=True)]
-        change, size = np.sum([each.sum(1) for each in terms], 0), np.sum([np.abs(each).sum(1) for each in terms], 0)
-        directions = [
-            _along(argument, value, rate) for argument, value, rate in zip(kernel.arguments, given, rates, strict=True)
-        ]
-        yield _Case(kernel, given, directions, cotangents, values, change, size)
+        # change of cotangent . value along the rates (COUNT), and the size of its terms
+        terms = [(bar * rate).reshape(COUNT, -1) for bar, rate in zip(bars, rates, strict=True)]
+        yield _Case(
+            kernel,
+            given,
+            directions=[_along(*each) for each in zip(kernel.arguments, given, rates, strict=True)],
+            cotangents=cotangents,
+            values=values,
+            change=np.sum([each.sum(1) for each in terms], 0),
+            terms=np.sum([np.abs(each).sum(1) for each in terms], 0),
+        )
 
 
 def _along(argument: Argument, value: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return the rates of an argument's entries; those of the base's pose from a twist in the base's own axes."""
+    """Return the rates of an argument's entries; those of the base's pose from a twist (v, w) in the base's own axes.
+
+    A pose H then changes by H [[w, v], [0, 0]], with the cross-product matrix of w.
+    """
     if argument != BASE_POSE:
         return rate
     motion = np.zeros((COUNT, 4, 4))
-    motion[:, :3, 3] = rate[:, :3]
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        motion[:, j, i], motion[:, i, j] = rate[:, 3 + k], -rate[:, 3 + k]
+    motion[:, :3, 3], w = rate[:, :3], rate[:, 3:]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # w_k turns axis i towards axis j
+        motion[:, j, i], motion[:, i, j] = w[:, k], -w[:, k]
     along: FloatArray = value @ motion
     return along
 
@@ -155,15 +168,20 @@ def _faults(framework: str, copy: Path, cases: list[_Case]) -> list[str]:
 
 
 def _differences(k: int, case: _Case, path: str, found: Mapping[str, FloatArray]) -> Iterator[str]:
-    """Yield what differs of a function: a result, or its derivative in one of the modes."""
+    """Yield what differs of function number ``k``: a result, or its derivative in one of the modes.
+
+    Compilers may contract products and sums in one of the two libraries: bits need not be equal.
+    """
     for i, value in enumerate(case.values):
         flat, reference = found[f"{k} value {i}"].reshape(COUNT, -1), value.reshape(COUNT, -1)
-        # Compilers may contract products and sums in one of the two libraries: bits need not be equal.
         largest = np.abs(reference[np.isfinite(reference)]).max(initial=0.0)
         if not np.allclose(flat, reference, rtol=0.0, atol=_BOUND * largest, equal_nan=True):
             yield f"{path}, {case.kernel.results[i].name}"
+    if not case.cotangents:
+        return
     is_number = np.isfinite(case.change)  # loops that do not close give NaN
-    for mode in ("reverse", "forward") if case.cotangents else ():
-        error = np.abs(found[f"{k} {mode}"] - case.change)[is_number]
-        if not (error <= _BOUND * np.maximum(case.terms[is_number], 1e-300)).all():
+    bound = _BOUND * np.maximum(case.terms, 1e-300)
+    for mode in ("reverse", "forward"):
+        error = np.abs(found[f"{k} {mode}"] - case.change)
+        if not (error[is_number] <= bound[is_number]).all():
             yield f"{path}, {mode} derivative"

@@ -25,6 +25,10 @@ _JOINTS = "sensor_msgs/msg/JointState"
 _WRENCH = "geometry_msgs/msg/WrenchStamped"
 _FIRST_MESSAGES = 1000
 _LARGEST_CHUNK = 1 << 28  # [bytes]; recorders write chunks of some megabytes
+_NANOSECONDS = 1_000_000_000
+"""Nanoseconds per second."""
+_ENCAPSULATION = 4
+"""Bytes before a message's fields; a bit of the second one tells the byte order."""
 _PURPOSE = "reading MCAP"
 
 
@@ -116,7 +120,7 @@ def _decoded(
     factory.decoder_for = partial(_quietly, factory.decoder_for)
     reader = extra("mcap.reader", _PURPOSE).make_reader(file, validate_crcs=True, decoder_factories=[factory])
     for _, channel, message, decoded in reader.iter_decoded_messages(topics=topics, log_time_order=not in_file_order):
-        stamp = decoded.header.stamp.sec * 1_000_000_000 + decoded.header.stamp.nanosec
+        stamp = decoded.header.stamp.sec * _NANOSECONDS + decoded.header.stamp.nanosec
         yield channel.topic, message.log_time, stamp or message.log_time, decoded
 
 
@@ -133,19 +137,24 @@ def _times(file: BinaryIO, topics: Sequence[str]) -> dict[str, tuple[NDArray[np.
     times = {topic: (array("q"), array("q")) for topic in topics}
     reader = extra("mcap.reader", _PURPOSE).make_reader(file)
     for _, channel, message in reader.iter_messages(topics=topics, log_time_order=False):
-        # each of the two types begins with its header, behind 4 bytes that tell the byte order
-        second, nanosecond = struct.unpack_from("<iI" if message.data[1] & 1 else ">iI", message.data, 4)
         logged, stamps = times[channel.topic]
         logged.append(message.log_time)
-        stamps.append(second * 1_000_000_000 + nanosecond or message.log_time)
+        stamps.append(_stamp(message.data) or message.log_time)
     return {
         topic: (np.array(logged, dtype=np.int64), np.array(stamps, dtype=np.int64))
         for topic, (logged, stamps) in times.items()
     }
 
 
+def _stamp(data: bytes) -> int:
+    """Return the stamp [ns] of a message: both types begin with their header, and that with seconds and nanoseconds."""
+    is_little = data[1] & 1
+    second, nanosecond = struct.unpack_from("<iI" if is_little else ">iI", data, _ENCAPSULATION)
+    return int(second) * _NANOSECONDS + int(nanosecond)
+
+
 def _clocks(file: BinaryIO, topics: Sequence[str], tolerance: int) -> _Clocks:
-    """Find what the clocks of recorder and publishers did."""
+    """Find what the clocks of recorder and publishers did; the tolerance is in ns."""
     times, notes = _times(file, topics), []
     back = max(int(np.sum(np.diff(logged) < -tolerance)) for logged, _ in times.values())
     if back:
@@ -153,11 +162,13 @@ def _clocks(file: BinaryIO, topics: Sequence[str], tolerance: int) -> _Clocks:
             f"The recorder's clock was set back ({back} times): messages are matched in the order of the file."
         )
     for topic, (logged, stamps) in times.items():
-        order = np.argsort(logged, kind="stable")
         if back:
-            unwrapped, order = Unwrapped(tolerance), np.arange(len(logged))
-            logged = np.array([unwrapped(time) for time in logged.tolist()], dtype=np.int64)
-        found, first = jumps(logged[order], stamps[order], tolerance)
+            unwrapped = Unwrapped(tolerance)
+            ordered, of_stamps = np.array([unwrapped(time) for time in logged.tolist()], dtype=np.int64), stamps
+        else:
+            order = np.argsort(logged, kind="stable")
+            ordered, of_stamps = logged[order], stamps[order]
+        found, first = jumps(ordered, of_stamps, tolerance)
         if len(found):
             notes.append(
                 f"Time stamps on {printable(topic)} jump {len(found)} times, first by {first:g} s at message "
@@ -178,19 +189,7 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
     if request.wrench is not None or request.time is not None:
         raise RecordingError("--wrench and --time-column do not apply to MCAP; choose its topic with --topic")
     with path.open("rb") as file:
-        summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
-        if summary is None or summary.statistics is None:
-            raise RecordingError(
-                f"{path}: has no summary; the recorder did not close it: repair it with 'mcap recover'"
-            )
-        _check_chunks(path, summary.chunk_indexes)
-        counts = summary.statistics.channel_message_counts
-        topics: dict[str, str] = {}
-        messages: dict[str, int] = {}
-        for number, channel in summary.channels.items():
-            schema = summary.schemas.get(channel.schema_id)
-            topics[channel.topic] = schema.name if schema else "no type"
-            messages[channel.topic] = messages.get(channel.topic, 0) + counts.get(number, 0)
+        topics, messages = _topics(path, file)
         _check_topics(path, topics, request.topics)
         q_topic, wrench_topic = (_topic(path, topics, kind, request.topics) for kind in (_JOINTS, _WRENCH))
         joints = ((request.q,) if isinstance(request.q, str) else request.q) or request.joints
@@ -204,13 +203,42 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
         file.seek(0)
         frame = next((decoded.header.frame_id for *_, decoded in _decoded(file, [wrench_topic])), "")
         progress(f"reading the times in {path.name}")
-        tolerance = round(request.tolerance * 1e9)
+        tolerance = round(request.tolerance * _NANOSECONDS)
         file.seek(0)
         clocks = _clocks(file, (q_topic, wrench_topic), tolerance)
-    whole = McapPartition(path, joints, q_topic, wrench_topic, tolerance, messages[q_topic], clocks.set_back)
+    whole = McapPartition(
+        path=path,
+        joints=joints,
+        q_topic=q_topic,
+        wrench_topic=wrench_topic,
+        tolerance=tolerance,
+        messages=messages[q_topic],
+        set_back=clocks.set_back,
+    )
     columns = Columns("time", joints, tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz"))
     note = f"Wrenches on {printable(wrench_topic)}: frame '{printable(str(frame))}', used without conversion."
     return Recording(path, columns, (whole,), notes=(note, *clocks.notes))
+
+
+def _topics(path: Path, file: BinaryIO) -> tuple[dict[str, str], dict[str, int]]:
+    """Return the type of each topic, and the number of its messages, from the summary at the end of a file.
+
+    Raises:
+        RecordingError: the file has no summary, or a chunk that is too large.
+
+    """
+    summary = extra("mcap.reader", _PURPOSE).make_reader(file).get_summary()
+    if summary is None or summary.statistics is None:
+        raise RecordingError(f"{path}: has no summary; the recorder did not close it: repair it with 'mcap recover'")
+    _check_chunks(path, summary.chunk_indexes)
+    counts = summary.statistics.channel_message_counts
+    types: dict[str, str] = {}
+    messages: dict[str, int] = {}
+    for number, channel in summary.channels.items():
+        schema = summary.schemas.get(channel.schema_id)
+        types[channel.topic] = schema.name if schema else "no type"
+        messages[channel.topic] = messages.get(channel.topic, 0) + counts.get(number, 0)
+    return types, messages
 
 
 def _check_chunks(path: Path, chunks: Sequence[Any]) -> None:

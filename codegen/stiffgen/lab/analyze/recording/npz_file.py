@@ -21,6 +21,8 @@ from stiffgen.core.errors import RecordingError, listed
 from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.lab.analyze.recording import Block, Columns, Recording, RecordingRequest
 
+_MAGIC = 8
+"""Bytes of an array's file before the length of its header: the word NUMPY, and the version."""
 _START = 12
 """Bytes of an array's file with the length of its header, in every version of the format."""
 _LONGEST_HEADER = 10_000  # as numpy's own limit
@@ -91,14 +93,15 @@ def open_file(path: Path, request: RecordingRequest, progress: Callable[[str], N
 def _header(path: Path, archive: zipfile.ZipFile, name: str, stream: IO[bytes]) -> Header:
     """Read the header of an array of numbers; refuse other types, and a size that is not the file's."""
     start = stream.read(_START)
-    version = np.lib.format.read_magic(io.BytesIO(start))
-    width = 2 if version[0] == 1 else 4
-    length = int.from_bytes(start[8 : 8 + width], "little")
+    version, _ = np.lib.format.read_magic(io.BytesIO(start))
+    width = 2 if version == 1 else 4  # bytes of the length
+    length = int.from_bytes(start[_MAGIC : _MAGIC + width], "little")
     if length > _LONGEST_HEADER:
         raise RecordingError(f"{path}: array {name} has a header of {length} bytes; write it again with numpy.savez")
-    whole = io.BytesIO(start + stream.read(length + 8 + width - _START))
-    whole.seek(8)
-    if version[0] == 1:
+    begin = _MAGIC + width + length  # of the numbers
+    whole = io.BytesIO(start + stream.read(begin - _START))
+    whole.seek(_MAGIC)
+    if version == 1:
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(whole)
     else:  # version 3.0 differs in the names of fields, which no array of numbers has
         shape, is_fortran, dtype = np.lib.format.read_array_header_2_0(whole)
@@ -107,35 +110,39 @@ def _header(path: Path, archive: zipfile.ZipFile, name: str, stream: IO[bytes]) 
     if dtype.kind not in "fiu":
         raise RecordingError(f"{path}: array {name} holds values of type {dtype}, not numbers; convert it first")
     stated = math.prod(shape) * dtype.itemsize if min(shape, default=0) >= 0 else -1
-    found = archive.getinfo(f"{name}.npy").file_size - (8 + width + length)
+    found = archive.getinfo(f"{name}.npy").file_size - begin
     if stated != found:
         which = "more" if stated < found else "fewer"
         raise RecordingError(
             f"{path}: is damaged: array {name} has {which} bytes than its header says ({shape} of {dtype}); "
             "write it again with numpy.savez"
         )
-    if is_fortran and len(shape) > 1 and stated > _MOST_TURNED:
+    is_turned = is_fortran and len(shape) > 1
+    if is_turned and stated > _MOST_TURNED:
         raise RecordingError(
             f"{path}: array {name} is stored column by column and has {stated / 2**30:.1f} GiB; write it again with "
             "numpy.ascontiguousarray"
         )
-    return Header(shape, dtype, is_fortran and len(shape) > 1)
+    return Header(shape, dtype, is_turned)
 
 
 def _rows(header: Header, stream: IO[bytes], most: int) -> Iterator[FloatArray]:
-    """Yield the rows of an array in blocks of at most ``most`` rows, from the stream behind the header."""
+    """Yield the rows of an array in blocks of at most ``most`` rows, from the stream behind the header.
+
+    An array that is stored column by column is read whole.
+    """
     rows, *width = header.shape
+    itemsize = header.dtype.itemsize
     if header.is_turned:
-        whole = np.frombuffer(_exactly(stream, math.prod(header.shape) * header.dtype.itemsize), header.dtype)
+        whole = np.frombuffer(_exactly(stream, math.prod(header.shape) * itemsize), header.dtype)
         array = whole.reshape(header.shape, order="F")
+        for start in range(0, rows, most):
+            yield array[start : start + most].astype(float)
+        return
     for start in range(0, rows, most):
         count = min(most, rows - start)
-        if header.is_turned:
-            part = array[start : start + count]
-        else:
-            size = count * math.prod(width) * header.dtype.itemsize
-            part = np.frombuffer(_exactly(stream, size), header.dtype).reshape(count, *width)
-        yield part.astype(float)
+        data = _exactly(stream, count * math.prod(width) * itemsize)
+        yield np.frombuffer(data, header.dtype).reshape(count, *width).astype(float)
 
 
 def _check_sums(path: Path, names: Sequence[str]) -> None:
@@ -173,10 +180,13 @@ def _chosen(path: Path, request: RecordingRequest, names: Sequence[str]) -> tupl
 
 
 def _check_shapes(path: Path, shapes: Mapping[str, tuple[int, ...]], width: int, what: str) -> None:
+    """Refuse arrays that are neither (N, width), where there is one of them, nor (N,) each; time is (N,)."""
+    has_columns = len(shapes) == 1 and what != "time"
+    behind_rows = (width,) if has_columns else ()
+    wanted = f"(N, {width})" if has_columns else "(N,)"
     for name, shape in shapes.items():
-        if shape[1:] == ((width,) if len(shapes) == 1 and what != "time" else ()) and len(shape) >= 1:
+        if shape[1:] == behind_rows and len(shape) >= 1:
             continue
-        wanted = "(N,)" if what == "time" or len(shapes) > 1 else f"(N, {width})"
         turned = "; transpose it" if len(shape) == 2 and shape[0] == width else ""
         raise RecordingError(f"{path}: array {name} is of shape {shape}, but {what} is {wanted}{turned}")
 

@@ -93,16 +93,35 @@ class _Runs:
 
     def __call__(self, message: Message) -> int:
         """Return the number of the message's run."""
-        for index in reversed(range(len(self._newest))):
-            run, last = self._newest[index]
-            step = message.stamp - last.stamp
-            if step >= -self._tolerance and abs(step - (message.logged - last.logged)) <= LATENESS:
-                del self._newest[index]
-                break
-        else:
+        index = self._continued(message)
+        if index is None:
             run, self._count = self._count, self._count + 1
+        else:
+            run, _ = self._newest[index]
+            del self._newest[index]
         self._newest.append((run, message))
         return run
+
+    def _continued(self, message: Message) -> int | None:
+        """Return the place in ``_newest`` of the run that a message continues, the one seen last first; None: none.
+
+        Its stamp does not go back beyond the tolerance, and departs from the logged times by at most ``LATENESS``.
+        """
+        for index in reversed(range(len(self._newest))):
+            _, last = self._newest[index]
+            step = message.stamp - last.stamp
+            departure = abs(step - (message.logged - last.logged))
+            if step >= -self._tolerance and departure <= LATENESS:
+                return index
+        return None
+
+
+class _WindowEntry(NamedTuple):
+    """Wrench in a window, ordered by its stamp [ns]: its number in the topic, and the run of its stamp."""
+
+    stamp: int
+    number: int
+    run: int
 
 
 class _Window:
@@ -112,36 +131,41 @@ class _Window:
         self._tolerance = tolerance
         self.count = 0
         self._runs = _Runs(tolerance)
-        self._logged: deque[tuple[int, int, int]] = deque()
-        self._stamps: list[tuple[int, int, int]] = []  # stamp, number, run
-        self._messages: dict[int, Message] = {}
+        self._by_log: deque[_WindowEntry] = deque()
+        self._by_stamp: list[_WindowEntry] = []
+        self._messages: dict[int, Message] = {}  # by number
 
     def add(self, message: Message) -> None:
         """Add a wrench, which is logged after those before."""
-        entry = (message.stamp, self.count, self._runs(message))
+        entry = _WindowEntry(message.stamp, self.count, self._runs(message))
         self._messages[self.count] = message
         self.count += 1
-        self._logged.append(entry)
-        insort(self._stamps, entry)
-        if len(self._logged) > 2 * _MOST:
+        self._by_log.append(entry)
+        insort(self._by_stamp, entry)
+        if len(self._by_log) > 2 * _MOST:
             self._drop()
 
     def forget(self, logged: int) -> None:
         """Drop wrenches that were logged before a time [ns]."""
-        while self._logged and self._messages[self._logged[0][1]].logged < logged:
+        while self._by_log and self._logged(self._by_log[0]) < logged:
             self._drop()
 
     def _drop(self) -> None:
-        entry = self._logged.popleft()
-        del self._stamps[bisect_left(self._stamps, entry)]
-        del self._messages[entry[1]]
+        """Drop the wrench that was logged first."""
+        entry = self._by_log.popleft()
+        del self._by_stamp[bisect_left(self._by_stamp, entry)]
+        del self._messages[entry.number]
+
+    def _logged(self, entry: _WindowEntry) -> int:
+        """Return when a wrench was logged [ns]."""
+        return self._messages[entry.number].logged
 
     def _away(self, joints: Message) -> int | None:
         """Return how much later the wrench is stamped that was logged next to joint positions [ns]."""
-        place = bisect_left(self._logged, joints.logged, key=lambda entry: self._messages[entry[1]].logged)
-        beside = list(islice(self._logged, max(place - 1, 0), place + 1))
-        nearest = min(beside, key=lambda entry: abs(self._messages[entry[1]].logged - joints.logged), default=None)
-        return None if nearest is None else nearest[0] - joints.stamp
+        place = bisect_left(self._by_log, joints.logged, key=self._logged)
+        beside = list(islice(self._by_log, max(place - 1, 0), place + 1))
+        nearest = min(beside, key=lambda entry: abs(self._logged(entry) - joints.logged), default=None)
+        return None if nearest is None else nearest.stamp - joints.stamp
 
     def match(self, joints: Message) -> Match:
         """Find the wrench with the nearest stamp.
@@ -149,17 +173,17 @@ class _Window:
         Where a clock was set back, wrenches of two runs may be near; those count that were logged beside the joint
         positions.
         """
-        first = bisect_left(self._stamps, (joints.stamp - self._tolerance, -1, -1))
-        last = bisect_left(self._stamps, (joints.stamp + self._tolerance + 1, -1, -1))
-        apart = {entry: abs(self._messages[entry[1]].logged - joints.logged) for entry in self._stamps[first:last]}
-        near = [entry for entry, distance in apart.items() if distance <= self._tolerance + LATENESS]
+        first = bisect_left(self._by_stamp, (joints.stamp - self._tolerance, -1, -1))
+        last = bisect_left(self._by_stamp, (joints.stamp + self._tolerance + 1, -1, -1))
+        # in the log [ns], of the wrenches whose stamps are within the tolerance
+        distance = {entry: abs(self._logged(entry) - joints.logged) for entry in self._by_stamp[first:last]}
+        near = [entry for entry in distance if distance[entry] <= self._tolerance + LATENESS]
         if not near:
             return Match(joints, None, self._away(joints))
-        run = min(near, key=apart.__getitem__)[2]
-        stamp, number, _ = min(
-            (entry for entry in near if entry[2] == run), key=lambda entry: abs(entry[0] - joints.stamp)
-        )
-        return Match(joints, self._messages[number].numbers, stamp - joints.stamp)
+        beside = min(near, key=distance.__getitem__)
+        of_run = [entry for entry in near if entry.run == beside.run]
+        found = min(of_run, key=lambda entry: abs(entry.stamp - joints.stamp))
+        return Match(joints, self._messages[found.number].numbers, found.stamp - joints.stamp)
 
 
 def matched(messages: Iterable[Message], tolerance: int) -> Iterator[Match]:
@@ -169,14 +193,19 @@ def matched(messages: Iterable[Message], tolerance: int) -> Iterator[Match]:
     """
     waiting: deque[tuple[Message, int]] = deque()  # joint positions, each with how many wrenches had come before it
     window, reach = _Window(tolerance), tolerance + LATENESS
+
+    def is_complete(now: int) -> bool:
+        """Return whether all wrenches that may belong to the first joint positions have come at a logged time [ns]."""
+        joints, wrenches_before = waiting[0]
+        has_too_many = max(len(waiting), window.count - wrenches_before) > _MOST
+        return now - joints.logged > reach or has_too_many
+
     for message in messages:
         if message.is_wrench:
             window.add(message)
         else:
             waiting.append((message, window.count))
-        while waiting and (
-            message.logged - waiting[0][0].logged > reach or max(len(waiting), window.count - waiting[0][1]) > _MOST
-        ):
+        while waiting and is_complete(message.logged):
             yield window.match(waiting.popleft()[0])
         window.forget((waiting[0][0].logged if waiting else message.logged) - reach)
     for joints, _ in waiting:
