@@ -26,6 +26,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from stiffgen.core.robot.files import FileError
 from stiffgen.files.actuation import actuation, tendon_joints
 from stiffgen.files.limits import limit_process
@@ -36,6 +38,9 @@ SECONDS = 60
 """Processor time that a compilation may take; the largest known model takes 4 s."""
 _GIBIBYTES = 8  # MuJoCo reserves more address space than memory
 _MOST_FILES = 1000
+"""Files that a model may consist of."""
+_STAND_IN_RADIUS = 0.01
+"""[m] Radius of the sphere in place of a missing mesh."""
 _UNUSED = (
     *("sensors", "cameras", "lights", "keys", "numerics", "texts", "tuples", "pairs", "excludes"),
     *("skins", "flexes", "hfields", "materials", "textures"),
@@ -134,12 +139,11 @@ def _keep_inertias(
         mesh = meshes.get(geom.meshname)  # None if the geom names a mesh that does not exist: MuJoCo says so
         if not gives_inertia or not geom.meshname or mesh is None:
             continue
-        if not mesh.file:
-            used.setdefault(mesh.name, [])
-        elif found := [] if all_missing else _mesh_files(spec, mesh):
-            used[mesh.name] = found
+        files = _mesh_files(spec, mesh) if mesh.file and not all_missing else []
+        if files or not mesh.file:
+            used.setdefault(mesh.name, files)
         else:
-            geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [0.01, 0, 0]
+            geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [_STAND_IN_RADIUS, 0, 0]
             stand_ins.append((body.name, mesh.file))
     return used, stand_ins
 
@@ -253,14 +257,20 @@ def _tree(mujoco: Any, model: Any) -> dict[str, Any]:
 
 
 def _couplings(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
-    """Yield the constraints between joints: 0 = terms of joints + polynomial, at the joints' reference positions."""
+    """Yield the constraints between joints: 0 = terms of joints + polynomial, at the joints' reference positions.
+
+    A constraint of tendons has all their joints with their coefficients; without a second joint or tendon ``second`` is
+    empty.
+    """
     for k in range(model.neq):
-        if mujoco.mjtEq(int(model.eq_type[k])) not in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
+        kind = mujoco.mjtEq(int(model.eq_type[k]))
+        objects = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])  # -1: none
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
+            first, second = ([(joint, 1.0)] for joint in objects)
+        elif kind == mujoco.mjtEq.mjEQ_TENDON:
+            first, second = (list(tendon_joints(mujoco, model, tendon)) for tendon in objects)
+        else:
             continue
-        is_joint = model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT
-        first, second = ([(int(i), 1.0)] for i in (model.eq_obj1id[k], model.eq_obj2id[k]))
-        if not is_joint:
-            first, second = (list(tendon_joints(mujoco, model, pair[0][0])) for pair in (first, second))
         yield {
             "name": model.equality(k).name,
             "active": _is_enforced(mujoco, model, k),
@@ -279,23 +289,36 @@ def _is_enforced(mujoco: Any, model: Any, k: int) -> bool:
 def _loops(mujoco: Any, model: Any) -> Iterator[dict[str, Any]]:
     """Yield the active constraints between bodies or sites: kind, name, and the two frames that they unite."""
     kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
-    upright = [1.0, 0.0, 0.0, 0.0]
     for k in range(model.neq):
-        kind, ids = kinds.get(mujoco.mjtEq(int(model.eq_type[k]))), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+        kind = kinds.get(mujoco.mjtEq(int(model.eq_type[k])))
         if kind is None or not _is_enforced(mujoco, model, k):
             continue
-        data = model.eq_data[k].tolist()
+        ids = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:
             names = [model.site(i).name for i in ids]
-            frames = [(int(model.site_bodyid[i]), model.site_pos[i].tolist(), model.site_quat[i].tolist()) for i in ids]
-        else:  # a weld stores its point in the second body first, and the orientation of the second body in the first
+            ends = [_end(model.site_bodyid[i], model.site_pos[i], model.site_quat[i]) for i in ids]
+        else:
             names = [model.body(i).name for i in ids]
-            places = (data[3:6], data[:3]) if kind == "weld" else (data[:3], data[3:6])
-            turns = (data[6:10] if kind == "weld" else upright, upright)
-            frames = list(zip(ids, places, turns, strict=True))
+            ends = _ends_of_bodies(kind, ids, model.eq_data[k])
         name = f" '{model.equality(k).name}'" if model.equality(k).name else ""
-        ends = [{"body": body, "pos": pos, "quat": quat} for body, pos, quat in frames]
         yield {"text": f"{kind}{name} ({names[0]}, {names[1]})", "weld": kind == "weld", "ends": ends}
+
+
+def _ends_of_bodies(kind: str, ids: tuple[int, int], data: Any) -> list[dict[str, Any]]:
+    """Return the frames in two bodies that a constraint unites, from MuJoCo's numbers for it.
+
+    A connection stores its point in the first body, then in the second one. A weld stores its point in the second body,
+    then in the first one, and the orientation of the second body in the first.
+    """
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    first, second = ids
+    if kind == "weld":
+        return [_end(first, data[3:6], data[6:10]), _end(second, data[:3], upright)]
+    return [_end(first, data[:3], upright), _end(second, data[3:6], upright)]
+
+
+def _end(body: int, position: Any, quaternion: Any) -> dict[str, Any]:
+    return {"body": int(body), "pos": position.tolist(), "quat": quaternion.tolist()}
 
 
 def answer_for(file: Path) -> dict[str, Any]:

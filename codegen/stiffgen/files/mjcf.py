@@ -119,33 +119,33 @@ class _ModelTree:
     def _add_body(self, index: int) -> None:
         """Add a body as a chain of links, one per joint, since a joint of a URDF has a link of its own.
 
-        The last link is the body if its joint is at the body's origin; else a fixed joint leads from there to the body.
-        All other links are massless, and have their origins in the joints (anchors).
+        A body's joints share its axes. Each has its origin in the point that it turns about (anchor), which the next
+        joint's frame starts from. The last link is the body if its joint is at the body's origin; else a fixed joint
+        leads from there to the body. All other links are massless.
         """
         body, name = self.model["bodies"][index], self.bodies[index]
-        tensor = body["inertia"]
-        inertia = (tensor[0], 0.0, 0.0, tensor[1], 0.0, tensor[2])
-        inertial = Inertial(body["mass"], _vector(body["com"]), _quaternion(body["axes"]), inertia)
         if index == 0:  # the world
             self.inertials[name] = None
             return
+        inertial = _inertial(body)
         moving = [k for k, joint in enumerate(self.model["joints"]) if joint["body"] == index]
-        link, anchor = self.bodies[body["parent"]], _ORIGIN
-        place, orientation = _vector(body["pos"]), _quaternion(body["quat"])
+        link, origin = self.bodies[body["parent"]], _ORIGIN  # reached so far; where it is, in the body's frame
+        place, orientation = _vector(body["pos"]), _quaternion(body["quat"])  # of the body, in the frame of the link
         for k in moving:
-            joint = self.model["joints"][k]
-            position = _ORIGIN if joint["type"] in ("free", "slide") else _vector(joint["pos"])
-            step = _difference(position, anchor)
-            if any(step):  # the joint's frame has the body's axes; its origin is the anchor
-                place = _sum(place, _turned(orientation, step))
-            element = self._element(k, link, name, place, orientation)
-            is_last = k == moving[-1] and not any(position)
-            link = name if is_last else f"{name}/{self.names[k]}"
-            self._add(element, link, inertial if is_last else _MASSLESS)
-            anchor, place, orientation = position, _ORIGIN, _UPRIGHT
+            anchor = self._anchor(k)
+            element = self._element(k, link, name, _moved(place, orientation, origin, anchor), orientation)
+            is_body = k == moving[-1] and not any(anchor)
+            link = name if is_body else f"{name}/{self.names[k]}"
+            self._add(element, link, inertial if is_body else _MASSLESS)
+            origin, place, orientation = anchor, _ORIGIN, _UPRIGHT
         if link != name:
-            place = _sum(place, _turned(orientation, _difference(_ORIGIN, anchor)))
+            place = _sum(place, _turned(orientation, _difference(_ORIGIN, origin)))
             self._add_link(name, inertial, link, place, orientation)
+
+    def _anchor(self, k: int) -> Vector:
+        """Return the point of the body that joint number ``k`` turns about, in the body's frame."""
+        joint = self.model["joints"][k]
+        return _ORIGIN if joint["type"] in ("free", "slide") else _vector(joint["pos"])
 
     def _add_link(self, name: str, inertial: Inertial, parent: str, xyz: Vector, orientation: Quaternion) -> None:
         """Add a link that is fixed to its parent."""
@@ -171,12 +171,11 @@ class _ModelTree:
             at_rest = self.names[k], kind, link, body, place, orientation, _ORIGIN, *_UNBOUNDED
             return JointElement(*at_rest, None, has_motor=k in self._motors)
         axis, value, mimic = unit(joint["axis"]), joint["reference"], self._couplings.get(k)
-        if isinstance(mimic, float):  # held by a constraint
+        if isinstance(mimic, float):  # held at a position by a constraint
             kind, value, mimic = "fixed", value - mimic, None
+        # MuJoCo's frame is that of the reference position: back by it to the frame at 0
         if joint["type"] == "hinge" and value:
-            half = math.sin(-value / 2)
-            turn = (math.cos(value / 2), axis[0] * half, axis[1] * half, axis[2] * half)
-            orientation = _product(orientation, turn)
+            orientation = _product(orientation, _turn(axis, -value))
         elif value:
             place = _sum(place, _turned(orientation, (-value * axis[0], -value * axis[1], -value * axis[2])))
         if kind == "revolute" and not joint["range"]:
@@ -211,20 +210,25 @@ class _ModelTree:
     def _leaders(self, actuator: dict[str, Any]) -> set[int]:
         """Return the coordinates among the joints that an actuator drives, and that lead them."""
         leaders = set()
-        for k in actuator["joints"]:
-            while isinstance(relation := self._couplings.get(k), Mimic):
-                k = self.names.index(relation.joint)
-            leaders.add(k)
+        for joint in actuator["joints"]:
+            leader = joint
+            while isinstance(relation := self._couplings.get(leader), Mimic):
+                leader = self.names.index(relation.joint)
+            leaders.add(leader)
         return leaders
 
     def _solved_couplings(self) -> dict[int, Mimic | float]:
-        """Return the mimic relation, or the constant position, of each joint that a linear constraint determines."""
+        """Return the mimic relation, or the constant position, of each joint that a linear constraint determines.
+
+        A constraint 0 = a q_follower + b q_master + c determines the first joint that none before it has determined:
+        q_follower = -b/a q_master - c/a.
+        """
         found: dict[int, Mimic | float] = {}
         for coupling in self.model["couplings"]:
             terms, constant = self._linear(coupling)
             if not coupling["active"] or terms is None:
                 continue
-            follower = next((k for k in terms if k not in found), None)  # the first joint that is not determined yet
+            follower = next((k for k in terms if k not in found), None)
             if follower is None or len(terms) > 2:
                 too_many = "couples more than two joints"
                 fault = too_many if len(terms) > 2 else "determines no joint that another constraint leaves free"
@@ -234,7 +238,7 @@ class _ModelTree:
             if not terms:
                 found[follower] = scale * constant
                 continue
-            ((master, rate),) = terms.items()
+            ((master, rate),) = terms.items()  # the other joint
             if self._leads(found, master, follower):
                 self._refuse([follower, master], coupling, "couples joints in a circle")
                 continue
@@ -242,7 +246,11 @@ class _ModelTree:
         return found
 
     def _linear(self, coupling: dict[str, Any]) -> tuple[dict[int, float] | None, float]:
-        """Return rates and constant of 0 = sum of rates * positions + constant; None without a linear relation."""
+        """Return rates and constant of 0 = sum of rates * positions + constant; None without a linear relation.
+
+        With x the first joints' offset from their references and y that of the second ones, MuJoCo's constraint is
+        x = a0 + a1 y + a2 y^2 + ...; it is linear if it has no higher powers, or no second joints.
+        """
         a = coupling["polynomial"]
         parts = [(k, rate, 1.0) for k, rate in coupling["first"]]
         parts += [(k, rate, -a[1]) for k, rate in coupling["second"]]
@@ -256,7 +264,7 @@ class _ModelTree:
         for k, rate, factor in parts:
             terms[k] = terms.get(k, 0.0) + rate * factor
             constant -= rate * factor * self.model["joints"][k]["reference"]
-        first = [k for k, _ in coupling["first"]]
+        first = [k for k, _ in coupling["first"]]  # these come first: one of them becomes the follower
         terms = {k: terms[k] for k in dict.fromkeys((*first, *terms)) if terms[k]}
         return terms or None, constant
 
@@ -284,13 +292,15 @@ class _ModelTree:
 
 
 def _unique(elements: list[dict[str, Any]], kind: str, taken: set[str]) -> list[str]:
-    """Return a name for each element: its own, or its kind and number; numbered on where a name is taken."""
+    """Return a name for each element: its own, or its kind and number; numbered on where a name is taken.
+
+    The names are added to ``taken``.
+    """
     names: list[str] = []
     for index, element in enumerate(elements):
-        name = first = element["name"].strip() or f"{kind}{index}"
-        if name in taken:
-            name = first = f"{name}_{kind}"
-        number = 2
+        own = element["name"].strip() or f"{kind}{index}"
+        first = f"{own}_{kind}" if own in taken else own
+        name, number = first, 2
         while name in taken:
             name, number = f"{first}_{number}", number + 1
         taken.add(name)
@@ -307,6 +317,8 @@ def _missing_meshes(tree: _ModelTree, stand_ins: list[list[str]]) -> Iterator[Pr
         )
 
 
+_BIASES = "actuator_biasprm"
+"""Array with the parameters of the actuators' own laws."""
 _MEANINGS = {
     "dof_damping": "damping",
     "dof_frictionloss": "dry friction",
@@ -318,21 +330,16 @@ _MEANINGS = {
     "tendon_armature": "armature",
     "tendon_frictionloss": "dry friction",
     "tendon_range": "a range",
-    "actuator_biasprm": "a control law of their own",
+    _BIASES: "a control law of their own",
 }
 """Words for arrays of a model; another array is named as MuJoCo names it."""
 
 
 def _remarks(model: dict[str, Any]) -> Iterator[str]:
     """Yield what the compiled model has and the functions leave out."""
-    laws = {"array": "actuator_biasprm", "kind": "actuators", "names": model["actuation"]["laws"]}
-    merged = {each["array"]: each for each in ([laws] if laws["names"] else []) + model["omissions"]}
-    for each in merged.values():
-        meaning, names = _MEANINGS.get(each["array"], each["array"]), each["names"]
-        if each["array"] == laws["array"]:
-            names = list(dict.fromkeys([*names, *laws["names"]]))
-        kinds = each["kind"]
+    for array, (kinds, names) in _left_out(model).items():
         having = counted(len(names), f"{_SINGULAR.get(kinds, kinds.removesuffix('s'))} has", f"{kinds} have")
+        meaning = _MEANINGS.get(array, array)
         yield f"{having} {meaning}, which the functions do not contain: {listed(names, 8)}"
     if model["options"]:
         yield f"options of MuJoCo that the functions do not contain: {'; '.join(model['options'])}"
@@ -343,7 +350,21 @@ def _remarks(model: dict[str, Any]) -> Iterator[str]:
         yield f"{being} inactive and ignored: {listed(inactive, 8)}"
 
 
+def _left_out(model: dict[str, Any]) -> dict[str, tuple[str, list[str]]]:
+    """Return kind and names of the elements by the array in which they have what the functions leave out.
+
+    Actuators with a law of their own come first, together with those whose bias is not the default.
+    """
+    found = {each["array"]: (each["kind"], each["names"]) for each in model["omissions"]}
+    laws = model["actuation"]["laws"]
+    if not laws:
+        return found
+    _, biased = found.pop(_BIASES, ("", []))
+    return {_BIASES: ("actuators", list(dict.fromkeys([*biased, *laws]))), **found}
+
+
 _SINGULAR = {"bodies": "body"}
+"""Kinds of elements whose singular does not only lack the s."""
 
 
 def _remarks_on_actuators(model: dict[str, Any]) -> Iterator[str]:
@@ -372,12 +393,21 @@ def _remarks_on_actuators(model: dict[str, Any]) -> Iterator[str]:
         yield f"{without} no force, since the model disables the group: {listed(disabled, 8)}"
 
 
+def _inertial(body: dict[str, Any]) -> Inertial:
+    """Return mass and inertia of a body of the compiled model, whose tensor is diagonal in axes of its own."""
+    xx, yy, zz = body["inertia"]
+    tensor = (xx, 0.0, 0.0, yy, 0.0, zz)
+    return Inertial(body["mass"], _vector(body["com"]), _quaternion(body["axes"]), tensor)
+
+
 def _effort(low: float | None, high: float | None) -> float:
     """Return the largest force that a joint has in both directions; infinite without a bound, or without such a force.
 
     No controller can use an effort limit of 0: the user has to state one.
     """
-    return stated(max(0.0, min(math.inf if low is None else -low, math.inf if high is None else high)))
+    downwards = math.inf if low is None else -low
+    upwards = math.inf if high is None else high
+    return stated(max(0.0, min(downwards, upwards)))
 
 
 def _vector(values: Sequence[float]) -> Vector:
@@ -410,7 +440,22 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def _turned(orientation: Quaternion, vector: Vector) -> Vector:
-    """Return a vector turned by a unit quaternion."""
+    """Return a vector turned by a unit quaternion: the vector part of q (0, v) q*."""
     w, x, y, z = orientation
     _, i, j, k = _product(_product(orientation, (0.0, *vector)), (w, -x, -y, -z))
     return i, j, k
+
+
+def _turn(axis: Vector, angle: float) -> Quaternion:
+    """Return the unit quaternion of a rotation about a unit vector by an angle [rad]."""
+    sine = math.sin(angle / 2)
+    return math.cos(angle / 2), axis[0] * sine, axis[1] * sine, axis[2] * sine
+
+
+def _moved(place: Vector, orientation: Quaternion, origin: Vector, point: Vector) -> Vector:
+    """Return the place of a point of a body, in the frame in which another point of the body, ``origin``, has a place.
+
+    ``orientation`` is the body's in that frame; both points are in the body's frame.
+    """
+    step = _difference(point, origin)
+    return _sum(place, _turned(orientation, step)) if any(step) else place

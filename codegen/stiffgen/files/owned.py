@@ -27,17 +27,11 @@ def distrust(folder: Path) -> str:
         return ""
     try:
         for each in _passed(folder):
-            if reason := _reason(each, is_above=True):
+            if reason := _reason_above(each):
                 return reason
-        if not folder.exists():
-            return ""
-        is_private = not folder.stat().st_mode & _ENTER_BY_OTHERS
-        for each in (folder.resolve(), *sorted(folder.resolve().rglob("*"))):
-            if reason := _reason(each, is_above=False, is_hidden=is_private and each != folder.resolve()):
-                return reason
+        return _reason_within(folder)
     except (OSError, RuntimeError) as error:  # no permission to look
         return f"{printable(str(folder), 200)} cannot be examined ({getattr(error, 'strerror', None) or error})"
-    return ""
 
 
 def make_private(folder: Path) -> None:
@@ -51,42 +45,84 @@ def make_private(folder: Path) -> None:
         each.mkdir(mode=0o700, exist_ok=True)
 
 
-def _reason(path: Path, *, is_above: bool, is_hidden: bool = False) -> str:
-    """Return why a file or folder may be another user's; ``is_hidden``: others cannot reach what its mode allows."""
+def _reason_above(path: Path) -> str:
+    """Return why a folder or link on the way to a folder may be another user's."""
     status = path.lstat()
-    shown = printable(str(path), 200)
-    if status.st_uid not in (os.getuid(), 0):
-        return f"{shown} belongs to another user ({status.st_uid})"
-    if stat.S_ISLNK(status.st_mode):
-        return "" if is_above else f"{shown} is a link"
-    if is_above and status.st_mode & stat.S_ISVTX:
+    if reason := _foreign_owner(path, status):
+        return reason
+    keeps_files_apart = status.st_mode & stat.S_ISVTX  # /tmp: each user removes only their own files
+    if stat.S_ISLNK(status.st_mode) or keeps_files_apart:
         return ""
-    if status.st_mode & _WRITE_BY_OTHERS and not is_hidden:
-        return f"{shown} can be written by other users (mode {stat.S_IMODE(status.st_mode):o})"
+    return _writable(path, status)
+
+
+def _reason_within(folder: Path) -> str:
+    """Return why a folder, or a file below it, may be another user's.
+
+    Files below a folder that others cannot enter may allow writing by their modes: nobody reaches them.
+    """
+    if not folder.exists():
+        return ""
+    root = folder.resolve()
+    is_private = not folder.stat().st_mode & _ENTER_BY_OTHERS
+    for each in (root, *sorted(root.rglob("*"))):
+        status = each.lstat()
+        if reason := _foreign_owner(each, status):
+            return reason
+        if stat.S_ISLNK(status.st_mode):
+            return f"{_shown(each)} is a link"
+        is_hidden = is_private and each != root
+        if not is_hidden and (reason := _writable(each, status)):
+            return reason
     return ""
 
 
+def _shown(path: Path) -> str:
+    return printable(str(path), 200)
+
+
+def _foreign_owner(path: Path, status: os.stat_result) -> str:
+    """Return a sentence if a file, folder or link belongs neither to this user nor to root; else ''."""
+    if status.st_uid in (os.getuid(), 0):
+        return ""
+    return f"{_shown(path)} belongs to another user ({status.st_uid})"
+
+
+def _writable(path: Path, status: os.stat_result) -> str:
+    """Return a sentence if other users can write a file or folder; else ''."""
+    if not status.st_mode & _WRITE_BY_OTHERS:
+        return ""
+    return f"{_shown(path)} can be written by other users (mode {stat.S_IMODE(status.st_mode):o})"
+
+
 def _passed(path: Path) -> Iterator[Path]:
-    """Yield the folders and links that the system passes on the way to a path, as far as they exist."""
-    anchor, *names = path.absolute().parts
+    """Yield the folders and links that the system passes on the way to a path, as far as they exist.
+
+    The last folder of the path is not among them. A link's target takes its place among the names that are ahead.
+    """
+    anchor, *ahead = path.absolute().parts
     reached, links = Path(anchor), 0
     yield reached
-    while names:
-        name = names.pop(0)
+    while ahead:
+        name, *ahead = ahead
         if name == "..":
             reached = reached.parent
             continue
-        if not os.path.lexists(reached / name):
+        place = reached / name
+        if not os.path.lexists(place):
             return
-        if (reached / name).is_symlink():
-            links += 1
-            if links > _MOST_LINKS:
-                return
-            yield reached / name
-            target = (reached / name).readlink()
-            reached = Path(target.anchor) if target.is_absolute() else reached
-            names = [*target.parts[1 if target.is_absolute() else 0 :], *names]
+        if not place.is_symlink():
+            reached = place
+            if ahead:
+                yield reached
             continue
-        reached = reached / name
-        if names:
-            yield reached
+        links += 1
+        if links > _MOST_LINKS:
+            return
+        yield place
+        target = place.readlink()
+        if target.is_absolute():
+            reached = Path(target.anchor)
+            ahead = [*target.parts[1:], *ahead]
+        else:
+            ahead = [*target.parts, *ahead]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -21,8 +22,11 @@ _NAME = re.compile(r"<name(?:\s[^>]*)?>\s*([^<>\s]+)\s*</name\s*>")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _IGNORED = ("CATKIN_IGNORE", "AMENT_IGNORE", "COLCON_IGNORE", "rospack_nosubdirs")
 _DEPTH_BESIDE, _LEVELS_ABOVE, _DEPTH_NAMED = 2, 4, 8
+"""Depth of packages beside a package, levels above it whose folders count, and depth below a folder that is named."""
 _MAX_FOLDERS = 20_000
+"""Folders of a tree that are looked into."""
 _MAX_MANIFEST = 2**20
+"""Bytes of a package.xml."""
 
 
 class PackageError(Exception):
@@ -88,6 +92,7 @@ class _Tree:
     """Packages in a folder and below it, to a depth; found when the first of them is asked for."""
 
     def __init__(self, root: Path, depth: int, by_folder: bool = False, skipped: Path | None = None) -> None:
+        """Note the root and the depth; ``by_folder``: a folder's name counts, too; ``skipped`` is no package here."""
         self._root, self._depth, self._by_folder, self._skipped = root, depth, by_folder, skipped
         self._packages: list[tuple[int, str, Path]] | None = None
 
@@ -95,25 +100,32 @@ class _Tree:
         """Return the packages of a name at the smallest depth; the name of a folder counts last, where it may."""
         if self._packages is None:
             self._packages = list(self._crawl())
-        found = [(depth, path) for depth, each, path in self._packages if each == name]
-        if not found and self._by_folder:
-            folders = [each for each in (self._root, self._root / name) if each.name == name and each.is_dir()]
-            return [each for each in folders if _name_of(each) is None][:1]
-        return [path for depth, path in found if depth == min(found)[0]]
+        depths = [depth for depth, each, _ in self._packages if each == name]
+        if depths:
+            return [path for depth, each, path in self._packages if each == name and depth == min(depths)]
+        return self._named_folder(name)[:1] if self._by_folder else []
+
+    def _named_folder(self, name: str) -> list[Path]:
+        """Return the root or the folder in it that has a name, unless it is a package of another name."""
+        folders = [each for each in (self._root, self._root / name) if each.name == name and each.is_dir()]
+        return [each for each in folders if _name_of(each) is None]
 
     def _crawl(self) -> Iterator[tuple[int, str, Path]]:
-        """Yield depth, name and folder of the packages; a package holds no other."""
-        pending = [(0, self._root)]
-        for seen, (depth, folder) in enumerate(pending):
+        """Yield depth, name and folder of the packages, level by level; a package holds no other, but for the root."""
+        pending, seen = deque([(0, self._root)]), 0
+        while pending:
             if seen >= _MAX_FOLDERS:
                 if self._by_folder:
                     raise PackageError(f"'{self._root}' holds more than {_MAX_FOLDERS} folders; name a smaller folder")
                 return
+            seen += 1
+            depth, folder = pending.popleft()
             name = _name_of(folder)
             if name is not None and folder != self._skipped:
                 yield depth, name, folder
-            if depth < self._depth and (name is None or depth == 0):
-                pending += [(depth + 1, each) for each in _subfolders(folder)]
+            may_hold_packages = name is None or depth == 0
+            if depth < self._depth and may_hold_packages:
+                pending.extend((depth + 1, each) for each in _subfolders(folder))
 
 
 class _Installed:
@@ -124,10 +136,12 @@ class _Installed:
 
     def __call__(self, name: str) -> list[Path]:
         """Return the folder of a package, if it is installed."""
+        if re.fullmatch(r"[\w.-]+", name) is None or name.startswith("."):
+            return []  # no name of a package: it may lead out of the folder
         folder = self._share / name
-        marker = self._share / "ament_index" / "resource_index" / "packages" / name
-        is_name = re.fullmatch(r"[\w.-]+", name) is not None and not name.startswith(".")
-        return [folder] if is_name and folder.is_dir() and (_name_of(folder) == name or marker.is_file()) else []
+        has_marker = (self._share / "ament_index" / "resource_index" / "packages" / name).is_file()
+        is_package = folder.is_dir() and (_name_of(folder) == name or has_marker)
+        return [folder] if is_package else []
 
 
 def _around(own: Path) -> Iterator[Path]:
@@ -138,15 +152,19 @@ def _around(own: Path) -> Iterator[Path]:
     """
     home = Path(os.environ.get("HOME") or os.environ.get("USERPROFILE") or os.sep).resolve()
     for folder in list(own.parents)[:_LEVELS_ABOVE]:
-        if folder == folder.parent or home.is_relative_to(folder):
-            return
-        try:
-            mode = folder.stat().st_mode
-            if mode & stat.S_ISVTX and mode & stat.S_IWOTH:
-                return
-        except OSError:
+        is_root, is_home_or_above = folder == folder.parent, home.is_relative_to(folder)
+        if is_root or is_home_or_above or _is_everybodys(folder):
             return
         yield folder
+
+
+def _is_everybodys(folder: Path) -> bool:
+    """Return whether everybody may write into a folder, each only their own files (/tmp), or it cannot be examined."""
+    try:
+        mode = folder.stat().st_mode
+    except OSError:
+        return True
+    return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
 
 
 def _subfolders(folder: Path) -> list[Path]:

@@ -38,7 +38,7 @@ def check_parts(file: Path, most_files: int) -> None:
         FileError: with a sentence for the user.
 
     """
-    pending, seen = [(file, 1.0)], {file}
+    pending, seen = [(file, 1.0)], {file}  # files with how many copies of them are asked for
     while pending and len(seen) < most_files:
         current, copies = pending.pop()
         try:
@@ -49,21 +49,28 @@ def check_parts(file: Path, most_files: int) -> None:
         folders += [file.parent / each.get(key, "") for each in root.iter("compiler") for key in _FOLDERS]
         for element, count in _copied(root, copies):
             _check_size(element)
-            name = element.get("file")
-            for place in [folder / name for folder in folders] if name else []:
-                if not place.exists() or place in seen:
-                    continue
-                if not place.is_file():
-                    raise FileError(f"<{element.tag}> names '{os.path.normpath(place)}', which is not a regular file")
-                if element.tag in ("include", "model"):
+            for place in _named_files(element, folders):
+                if element.tag in ("include", "model") and place not in seen:
                     seen.add(place)
                     pending.append((place, count))
+
+
+def _named_files(element: ElementTree.Element, folders: list[Path]) -> Iterator[Path]:
+    """Yield the files that an element names, in each of the folders where one is; refuse what is no regular file."""
+    name = element.get("file")
+    for place in [folder / name for folder in folders] if name else []:
+        if not place.exists():
+            continue
+        if not place.is_file():
+            raise FileError(f"<{element.tag}> names '{os.path.normpath(place)}', which is not a regular file")
+        yield place
 
 
 def _check_size(element: ElementTree.Element) -> None:
     """Refuse an element that states a size for which MuJoCo would take gigabytes."""
     keys = _CELLS.get(element.tag, ())
-    if math.prod(max(_numbers(element, key), default=1.0) for key in keys) > MAX_CELLS:
+    cells = math.prod(max(_numbers(element, key), default=1.0) for key in keys)  # 1 for another element
+    if cells > MAX_CELLS:
         stated = " ".join(f"{key}='{element.get(key, '')[:20]}'" for key in keys)
         raise FileError(
             f"<{element.tag} {stated}> has more than {MAX_CELLS} cells, and stiffgen uses none; "
