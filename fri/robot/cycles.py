@@ -220,15 +220,19 @@ class Cycles:
 
     def _clock(self) -> int:
         """Return the Unix time [ns] of this cycle as the robot reports it, with the faults of its clock."""
-        period = self._settings.period * 1_000_000
-        faults, time = self._faults, self.time
+        period = self._settings.period * 1_000_000  # [ns]
         now = self._epoch + self._cycle * period
-        now += round(1e9 * float(faults.condition("clock", time) or 0))
-        now += round(float(faults.condition("jitter", time) or 0) * period) * (1 if self._cycle % 2 else -1)
-        now -= now % max(1, round(1e6 * float(faults.condition("resolution", time) or 0)))
-        if faults.condition("standing", time) != "clock":
+        now += round(1e9 * self._condition_number("clock"))  # set by so many seconds
+        off = round(self._condition_number("jitter") * period)  # a share of the period, to and fro
+        now += off if self._cycle % 2 else -off
+        now -= now % max(1, round(1e6 * self._condition_number("resolution")))  # cut to so many milliseconds
+        if self._faults.condition("standing", self.time) != "clock":
             self._standing_clock = now
         return self._standing_clock
+
+    def _condition_number(self, kind: str) -> float:
+        """Return the number of a fault condition that holds in this cycle; 0 without one."""
+        return float(self._faults.condition(kind, self.time) or 0)
 
     def _pressed(self) -> bool:
         span = self._settings.button
@@ -285,12 +289,16 @@ class Cycles:
             return
         self._last_command = command.sequence
         statistics.accepted += 1
-        now = wall.perf_counter()
-        latency = next((now - at for sequence, at in reversed(self._sent_at) if sequence == command.reflected), np.nan)
+        latency = self._latency(command.reflected)
         if latency > statistics.worst_latency:
             statistics.worst_latency = latency
         self.meter.answered(command.reflected)
         self._arrived.append((command, latency))
+
+    def _latency(self, sequence: int) -> float:
+        """Return the wall time [s] since the message of a number was sent last; NaN if that is too long ago."""
+        now = wall.perf_counter()
+        return next((now - at for sent, at in reversed(self._sent_at) if sent == sequence), np.nan)
 
     def _finish(self, monitoring: Monitoring) -> None:
         """End a cycle after its answers: execute commands, advance the session and the plant."""

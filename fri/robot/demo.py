@@ -55,6 +55,10 @@ REST = 0.24
 """Pause after the trajectory [s]."""
 LONGEST = 600.0
 """Wall time after which the demo gives up [s]."""
+LAST_WORDS = 15
+"""Last lines of a build that does not succeed, which are shown."""
+MOST_DIFFERENCE = 1e-10
+"""Largest torque received less the replayed one [N m]: the two agree up to rounding."""
 
 
 class BrokenOffError(Exception):
@@ -117,23 +121,24 @@ def build_client(robot: Path, version: str, folder: Path, say: Callable[[str], N
     if not shutil.which("c++") and not shutil.which("g++"):
         raise RefusedError("no C++ compiler (Debian: apt-get install g++ make)")
     program = str(Path(cmake.CMAKE_BIN_DIR) / "cmake")
-    name = robot.name
-    options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={robot}", f"-DROBOT_NAME={name}"]
-    options += [f"-D{name.upper()}_NATIVE=ON", "-DCMAKE_BUILD_TYPE=Release"]
-    for command in (
-        [program, "-S", str(CLIENT), "-B", str(folder), *options],
-        [program, "--build", str(folder), "-j2"],
-    ):
-        lines = []
-        pipe: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        with subprocess.Popen(command, **pipe) as process:
-            for line in process.stdout or ():
-                lines.append(line.rstrip())
-                say(lines[-1])
-        if process.returncode:
-            last = "\n".join(lines[-15:])
-            raise RefusedError(f"the client does not build:\n{last}")
+    options = [f"-DOPEN_FRI_VERSION={version}", f"-DROBOT_DIR={robot}", f"-DROBOT_NAME={robot.name}"]
+    options += [f"-D{robot.name.upper()}_NATIVE=ON", "-DCMAKE_BUILD_TYPE=Release"]
+    _run_build([program, "-S", str(CLIENT), "-B", str(folder), *options], say)
+    _run_build([program, "--build", str(folder), "-j2"], say)
     return folder / "fri_wiping"
+
+
+def _run_build(command: list[str], say: Callable[[str], None]) -> None:
+    """Run a command of the build and pass its lines on; RefusedError with the last ones if it fails."""
+    lines = []
+    pipe: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, **pipe) as process:
+        for line in process.stdout or ():
+            lines.append(line.rstrip())
+            say(lines[-1])
+    if process.returncode:
+        last = "\n".join(lines[-LAST_WORDS:])
+        raise RefusedError(f"the client does not build:\n{last}")
 
 
 def run_session(options: argparse.Namespace, client: Path) -> None:
@@ -146,38 +151,64 @@ def run_session(options: argparse.Namespace, client: Path) -> None:
 
     """
     folder = options.output
-    said = folder / "client.txt"
-    duration = APPROACH + TRAJECTORY_TIME + REST
-    wiping = [str(client), "--trajectory", str(TRAJECTORY), "--port", str(options.port), "--approach", str(APPROACH)]
     for name in ("client.csv", "client.json"):
         (folder / name).unlink(missing_ok=True)  # the client overwrites no log
-    wiping += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
-    wiping += [] if options.wall_clock else ["--simulated-time"]
-    robot = [sys.executable, "-m", "fri.robot", "--protocol", options.protocol, "--port", str(options.port)]
-    robot += ["--robot", str(options.robot), "--send-period", str(options.send_period), "--bowl", "--duration"]
-    robot += [str(duration), "--log", str(folder / "robot.npz"), "--summary", str(folder / "robot.json")]
-    robot += [] if options.wall_clock else ["--lockstep"]
-    deadline = wall.monotonic() + LONGEST
-    with said.open("wb") as output, child(wiping, stdout=output, stderr=output) as first, child(robot) as second:
-        try:
-            while second.poll() is None:
-                if first.poll():  # refused or failed; the robot notices, unless it still waits for a client
-                    with contextlib.suppress(subprocess.TimeoutExpired):
-                        second.wait(2.0)
-                    break
-                if wall.monotonic() > deadline:
-                    raise BrokenOffError(f"the session did not end within {LONGEST:g} s")
-                wall.sleep(0.05)
-            client_code = first.wait(max(0.1, min(10.0, deadline - wall.monotonic())))
-        except subprocess.TimeoutExpired as error:
-            raise BrokenOffError("the client did not end with the session") from error
-    robot_code = second.poll()
+    said = folder / "client.txt"
+    with (
+        said.open("wb") as output,
+        child(_client_command(options, client), stdout=output, stderr=output) as wiping,
+        child(_robot_command(options)) as robot,
+    ):
+        client_code = _wait_for_both(wiping, robot)
+    robot_code = robot.poll()
     if client_code or robot_code:
         last = "\n".join(said.read_text().strip().splitlines()[-1:])
         if client_code == 2:
             raise RefusedError(last)
         codes = f"exit code of the client {client_code}, of the robot {robot_code}"
         raise BrokenOffError(f"{codes}. The client's last words: {last}")
+
+
+def _client_command(options: argparse.Namespace, client: Path) -> list[str]:
+    """Return the command line of the client: the trajectory once, with log and summary."""
+    folder = options.output
+    command = [str(client), "--trajectory", str(TRAJECTORY), "--port", str(options.port), "--approach", str(APPROACH)]
+    command += ["--log", str(folder / "client.csv"), "--summary", str(folder / "client.json")]
+    return command + ([] if options.wall_clock else ["--simulated-time"])
+
+
+def _robot_command(options: argparse.Namespace) -> list[str]:
+    """Return the command line of the simulated robot in the bowl, for as long as the client commands."""
+    folder, duration = options.output, APPROACH + TRAJECTORY_TIME + REST
+    command = [sys.executable, "-m", "fri.robot", "--protocol", options.protocol, "--port", str(options.port)]
+    command += ["--robot", str(options.robot), "--send-period", str(options.send_period), "--bowl"]
+    command += ["--duration", str(duration), "--log", str(folder / "robot.npz")]
+    command += ["--summary", str(folder / "robot.json")]
+    return command + ([] if options.wall_clock else ["--lockstep"])
+
+
+def _wait_for_both(client: subprocess.Popen[bytes], robot: subprocess.Popen[bytes]) -> int:
+    """Wait until the robot has ended the session, or the client has failed; return the client's exit code.
+
+    Raises
+    ------
+    BrokenOffError
+        The session did not end in time, or the client did not end with it.
+
+    """
+    deadline = wall.monotonic() + LONGEST
+    try:
+        while robot.poll() is None:
+            if client.poll():  # refused or failed; the robot notices, unless it still waits for a client
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    robot.wait(2.0)
+                break
+            if wall.monotonic() > deadline:
+                raise BrokenOffError(f"the session did not end within {LONGEST:g} s")
+            wall.sleep(0.05)
+        return client.wait(max(0.1, min(10.0, deadline - wall.monotonic())))
+    except subprocess.TimeoutExpired as error:
+        raise BrokenOffError("the client did not end with the session") from error
 
 
 def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -195,36 +226,20 @@ def antisymmetric_parts(robot: ModuleType, log: ClientLog) -> tuple[NDArray[Any]
 
 
 def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDArray[Any], NDArray[Any]]) -> str:
-    """Draw the session as SVG: joint positions, torque on the wire, wrench estimated and true, antisymmetric part."""
-    every = slice(None, None, max(1, len(log) // 400))
-    time = log["time"][every]
-    row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[every]
+    """Draw the session as SVG: joint positions, torque on the wire, wrench estimated and true, antisymmetric part.
+
+    ``parts`` are the antisymmetric parts of :func:`antisymmetric_parts`, corrected and conventional.
+    """
+    shown = slice(None, None, max(1, len(log) // 400))  # steps of the client that are drawn
+    time = log["time"][shown]
+    row = np.rint(log["time"] / log.summary["sample_time"]).astype(int)[shown]  # the robot's row of each of them
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.6, 7.0), layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
         (joints, torque), (wrench, stiffness) = panels
-        for joint, colour in enumerate(SHADES):
-            joints.plot(time, np.degrees(log["q"][every, joint]), color=colour, label=f"A{joint + 1}")
-            joints.plot(time, np.degrees(log["q0"][every, joint]), ":", color=colour)
-            torque.plot(time, received["command_torque"][row, joint], color=colour)
-        joints.plot([], [], color=INK, label="measured")
-        joints.plot([], [], ":", color=INK, label="zero-force")
-        joints.set(ylabel="[deg]", title="joint positions")
-        torque.set(ylabel="[N m]", title="joint torques that the robot received")
-        for axis, colour in enumerate(AXES):
-            # The estimate shows on both sides of the simulation's thin line, which lies upon it.
-            estimated = f"{'xyz'[axis]}, estimated"
-            wrench.plot(time, log["wrench"][every, axis], color=colour, linewidth=2.4, label=estimated)
-            wrench.plot(
-                time, received["wrench"][row, axis], ":", color=INK, linewidth=0.9,
-                label="in the simulation" if axis == 2 else None,
-            )  # fmt: skip
-        wrench.set(ylabel="[N]", xlabel="time [s]", title="force on the tool, base axes")
-        stiffness.plot(time, parts[1][every], "--", color=CONVENTIONAL, label="conventional formula")
-        stiffness.plot(time, parts[0][every], color=CORRECTED, linewidth=2, label="corrected")
-        stiffness.set(
-            ylabel="largest singular value [N m/rad]", xlabel="time [s]", title="antisymmetric part, same states"
-        )
+        _draw_joints(joints, torque, time, log["q"][shown], log["q0"][shown], received["command_torque"][row])
+        _draw_wrench(wrench, time, log["wrench"][shown], received["wrench"][row])
+        _draw_antisymmetric(stiffness, time, parts[0][shown], parts[1][shown])
         begin = received["time"][received["state"] == SessionState.COMMANDING_ACTIVE][0] + APPROACH
         for axes in panels.flat:
             label = "trajectory begins" if axes is stiffness else None
@@ -236,6 +251,39 @@ def draw(log: ClientLog, received: Mapping[str, NDArray[Any]], parts: tuple[NDAr
         for axes in (wrench, stiffness):
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
         return themed_svg(figure)
+
+
+def _draw_joints(
+    joints: Any, torque: Any, time: NDArray[Any], q: NDArray[Any], q0: NDArray[Any], received: NDArray[Any]
+) -> None:
+    """Draw positions and zero-force positions (steps, 7) [rad] in one panel, received torques [N m] in the other."""
+    for joint, colour in enumerate(SHADES):
+        joints.plot(time, np.degrees(q[:, joint]), color=colour, label=f"A{joint + 1}")
+        joints.plot(time, np.degrees(q0[:, joint]), ":", color=colour)
+        torque.plot(time, received[:, joint], color=colour)
+    joints.plot([], [], color=INK, label="measured")
+    joints.plot([], [], ":", color=INK, label="zero-force")
+    joints.set(ylabel="[deg]", title="joint positions")
+    torque.set(ylabel="[N m]", title="joint torques that the robot received")
+
+
+def _draw_wrench(panel: Any, time: NDArray[Any], estimated: NDArray[Any], simulated: NDArray[Any]) -> None:
+    """Draw the force on the tool [N], as the client estimates it and as it is in the simulation (steps, 6)."""
+    for axis, colour in enumerate(AXES):
+        # The estimate shows on both sides of the simulation's thin line, which lies upon it.
+        name = f"{'xyz'[axis]}, estimated"
+        panel.plot(time, estimated[:, axis], color=colour, linewidth=2.4, label=name)
+        panel.plot(
+            time, simulated[:, axis], ":", color=INK, linewidth=0.9, label="in the simulation" if axis == 2 else None
+        )
+    panel.set(ylabel="[N]", xlabel="time [s]", title="force on the tool, base axes")
+
+
+def _draw_antisymmetric(panel: Any, time: NDArray[Any], corrected: NDArray[Any], conventional: NDArray[Any]) -> None:
+    """Draw the largest singular values (steps) [N m/rad] of the antisymmetric part by both formulas."""
+    panel.plot(time, conventional, "--", color=CONVENTIONAL, label="conventional formula")
+    panel.plot(time, corrected, color=CORRECTED, linewidth=2, label="corrected")
+    panel.set(ylabel="largest singular value [N m/rad]", xlabel="time [s]", title="antisymmetric part, same states")
 
 
 def report(options: argparse.Namespace, console: Console) -> bool:
@@ -267,9 +315,9 @@ def report(options: argparse.Namespace, console: Console) -> bool:
     for name, value in rows:
         table.add_row(name, value)
     console.print(table)
-    # Bars: the replay agrees up to rounding, 1e-10 N m; the torque's rate stays within its limit.
-    good = told["trajectory_done"] and found.compared > 0 and found.worst <= 1e-10 and commands.worst_rate <= 1 + 1e-9
-    return bool(good and commands.not_finite == commands.beyond_limit == 0)
+    has_replay = found.compared > 0 and found.worst <= MOST_DIFFERENCE
+    keeps_limits = commands.worst_rate <= 1 + 1e-9 and commands.not_finite == commands.beyond_limit == 0
+    return bool(told["trajectory_done"] and has_replay and keeps_limits)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

@@ -187,19 +187,27 @@ def parse_faults(specification: str, version: str) -> FaultPlan:
         elif fault.kind in _CONDITIONS:
             conditions.append(fault)
         else:
-            ways = DIRECTIONS if match["direction"] is None else (match["direction"],)
-            for direction in ("robot",) if fault.kind in ("truncate", "version") else ways:
-                if fault.kind == "missing" and fault.argument not in _FIELDS[direction]:
-                    if match["direction"] is None and fault.argument in _FIELDS["robot"] + _FIELDS["client"]:
-                        continue  # a field that messages of the other direction have
-                    raise FaultError(f"fault '{item}': takes one of {', '.join(_FIELDS[direction])}")
+            for direction in _directions(item, match["direction"], fault):
                 plan[direction].append(fault)
     return FaultPlan({key: tuple(value) for key, value in plan.items()}, tuple(states), tuple(conditions))
 
 
+def _directions(item: str, named: str | None, fault: Fault) -> list[str]:
+    """Return whose datagrams a fault hits: those of the side that the item names, else of both that can have it."""
+    if fault.kind in ("truncate", "version"):
+        return ["robot"]
+    sides = list(DIRECTIONS) if named is None else [named]
+    if fault.kind != "missing":
+        return sides
+    having = [side for side in sides if fault.argument in _FIELDS[side]]
+    if not having:
+        raise FaultError(f"fault '{item}': takes one of {', '.join(_FIELDS[sides[0]])}")
+    return having
+
+
 def _checked(item: str, match: re.Match[str], version: str) -> Fault:
     """Return the fault that an item of --faults describes; raise FaultError where its parts do not fit its kind."""
-    kind, argument = match["kind"], match["argument"] or ""
+    kind = match["kind"]
     if kind not in KINDS:
         raise FaultError(f"fault '{item}': no kind '{kind}'; there are {', '.join(KINDS)}")
     try:
@@ -208,6 +216,16 @@ def _checked(item: str, match: re.Match[str], version: str) -> Fault:
         )
     except ValueError as error:
         raise FaultError(f"fault '{item}': {error}") from error
+    _check_times(item, kind, probability, start, end)
+    if kind in ("state", "truncate", "version", *_CONDITIONS) and match["direction"] == "client":
+        raise FaultError(f"fault '{item}': the robot alone decides this")
+    if kind == "crc" and version != "2.7":
+        raise FaultError(f"fault '{item}': FRI {version} has no CRC in its datagrams; 2.7 has")
+    return Fault(kind, probability, start, end, _argument(item, kind, match["argument"] or ""))
+
+
+def _check_times(item: str, kind: str, probability: float | None, start: float | None, end: float | None) -> None:
+    """Refuse a probability or times [s] that a kind of fault does not take."""
     if probability is not None and not 0 <= probability <= 1:
         raise FaultError(f"fault '{item}': a probability is from 0 to 1")
     if start is not None and end is not None and end <= start:
@@ -218,27 +236,28 @@ def _checked(item: str, match: re.Match[str], version: str) -> Fault:
         raise FaultError(f"fault '{item}': takes an interval, such as @2-2.2")
     if kind == "state" and (end is not None or probability is not None):
         raise FaultError(f"fault '{item}': takes a time, such as @2.5")
-    if kind in ("state", "truncate", "version", *_CONDITIONS) and match["direction"] == "client":
-        raise FaultError(f"fault '{item}': the robot alone decides this")
-    if kind == "crc" and version != "2.7":
-        raise FaultError(f"fault '{item}': FRI {version} has no CRC in its datagrams; 2.7 has")
+
+
+def _argument(item: str, kind: str, argument: str) -> str:
+    """Check the argument of a fault, and return it, or its default; FaultError for one that the kind does not take."""
     if kind == "delay":
-        argument = argument or "3"
-        if not argument.isdecimal() or not 1 <= int(argument) <= 1000:
+        cycles = argument or "3"
+        if not cycles.isdecimal() or not 1 <= int(cycles) <= 1000:
             raise FaultError(f"fault '{item}': takes a number of cycles from 1 to 1000")
-    elif kind == "missing":
-        argument = argument or "header.sequenceCounter"
-    elif kind == "state":
-        argument = _among(item, argument.upper(), SessionState.__members__)
-    elif kind == "truncate":
-        argument = _among(item, argument or "connectionInfo", _CUTS)
-    elif kind == "version":
-        argument = _among(item, argument, VERSIONS)
-    elif kind in _CONDITIONS:
-        argument = _condition(item, kind, argument)
-    elif argument:
+        return cycles
+    if kind == "missing":
+        return argument or "header.sequenceCounter"
+    if kind == "state":
+        return _among(item, argument.upper(), SessionState.__members__)
+    if kind == "truncate":
+        return _among(item, argument or "connectionInfo", _CUTS)
+    if kind == "version":
+        return _among(item, argument, VERSIONS)
+    if kind in _CONDITIONS:
+        return _condition(item, kind, argument)
+    if argument:
         raise FaultError(f"fault '{item}': '{kind}' takes no argument")
-    return Fault(kind, probability, start, end, argument)
+    return ""
 
 
 def _among(item: str, word: str, words: Iterable[str]) -> str:
@@ -324,15 +343,17 @@ class FaultInjector:
         """Kind of the fault that hit the last datagram, or None."""
 
     def _hit(self, time: float) -> Fault | None:
-        """Return the fault that hits a datagram at a time [s], the first one listed."""
+        """Return the fault that hits a datagram at a time [s], the first one listed.
+
+        Every fault with a probability draws its number for every datagram, so that equal sessions meet equal faults.
+        """
         found = None
         for k, fault in enumerate(self._faults):
-            lucky = fault.probability is None or self._random.random() < fault.probability
-            if found or k in self._done or not lucky or not fault.covers(time):
-                continue
-            found = fault
-            if fault.once:
-                self._done.add(k)
+            is_drawn = fault.probability is None or self._random.random() < fault.probability
+            if found is None and is_drawn and k not in self._done and fault.covers(time):
+                found = fault
+                if fault.once:
+                    self._done.add(k)
         return found
 
     def send(self, datagram: bytes, time: float, cycle: int) -> list[Delivery]:
@@ -341,30 +362,39 @@ class FaultInjector:
         self.last = fault.kind if fault else None
         if fault is None:
             self._latest = cycle
-            return [Delivery(datagram, cycle, True)]
+            return [Delivery(datagram, cycle, intact=True)]
         self.counts[fault.kind] += 1
         if fault.kind in ("drop", "silence"):
             return []
         if fault.kind in ("delay", "reorder", "burst"):
-            at = cycle + int(fault.argument) if fault.kind == "delay" else None
-            if fault.kind == "burst":
-                at = cycle + int(np.ceil(((fault.end or time) - time) / self._period - 1e-9))
-            self._held.append((at, Delivery(datagram, cycle, False)))
+            self._held.append((self._arrival(fault, time, cycle), Delivery(datagram, cycle, intact=False)))
             return []
         self._latest = cycle
         if fault.kind == "duplicate":
-            return [Delivery(datagram, cycle, True), Delivery(datagram, cycle, False)]
-        return [Delivery(self._changed(fault, datagram), cycle, False)]
+            return [Delivery(datagram, cycle, intact=True), Delivery(datagram, cycle, intact=False)]
+        return [Delivery(self._changed(fault, datagram), cycle, intact=False)]
+
+    def _arrival(self, fault: Fault, time: float, cycle: int) -> int | None:
+        """Return the cycle in which a held datagram arrives; None: after the next one that arrives."""
+        if fault.kind == "delay":
+            return cycle + int(fault.argument)
+        if fault.kind == "burst":  # in the cycle that ends the interval
+            left = (fault.end or time) - time  # [s]
+            return cycle + int(np.ceil(left / self._period - 1e-9))
+        return None
 
     def release(self, cycle: int) -> list[Delivery]:
         """Return delayed datagrams that arrive in a cycle, after that cycle's own."""
-        due: list[tuple[int | None, Delivery]] = []
+        due: list[Delivery] = []
         later: list[tuple[int | None, Delivery]] = []
         for at, delivery in self._held:
-            now = self._latest > delivery.cycle if at is None else at <= cycle
-            (due if now else later).append((at, delivery))
+            is_due = self._latest > delivery.cycle if at is None else at <= cycle
+            if is_due:
+                due.append(delivery)
+            else:
+                later.append((at, delivery))
         self._held = later
-        return [delivery for _, delivery in due]
+        return due
 
     def _changed(self, fault: Fault, datagram: bytes) -> bytes:
         """Return the datagram with the fault: other bytes, or a message with changed fields."""
@@ -381,18 +411,11 @@ class FaultInjector:
         if fault.kind == "truncate":
             return self._cut(datagram, message, fault.argument)
         if fault.kind == "version":
-            other = Protocol(fault.argument)
-            told = other.monitoring_class.FromString(message.SerializePartialToString())
-            told.DiscardUnknownFields()
-            return other.frame(told.SerializePartialToString())
+            return _in_version(message, fault.argument)
         if fault.kind == "identifier":
             message.header.messageIdentifier ^= 1
         elif fault.kind == "missing":
-            *way, name = fault.argument.split(".")
-            part = message
-            for step in way:
-                part = getattr(part, step)
-            part.ClearField(name)
+            _clear_field(message, fault.argument)
         else:
             _spoil_joint_values(message, fault.kind)
         return self._protocol.frame(message.SerializePartialToString())
@@ -407,12 +430,30 @@ class FaultInjector:
         return datagram[: front + len(message.SerializePartialToString())]
 
 
+def _in_version(message: Any, version: str) -> bytes:
+    """Return a monitoring message as a robot of another FRI version sends it."""
+    other = Protocol(version)
+    told = other.monitoring_class.FromString(message.SerializePartialToString())
+    told.DiscardUnknownFields()
+    return other.frame(told.SerializePartialToString())
+
+
+def _clear_field(message: Any, path: str) -> None:
+    """Leave out a field of a message, named by the messages that it lies in: monitorData.timestamp."""
+    *parts, name = path.split(".")
+    for part in parts:
+        message = getattr(message, part)
+    message.ClearField(name)
+
+
 def _spoil_joint_values(message: Any, kind: str) -> None:
-    """Spoil all arrays of joints in a message, and in those inside of it."""
-    for part in (child for field, child in message.ListFields() if field.message_type and not field.is_repeated):
-        if part.DESCRIPTOR.name != "JointValues":
-            _spoil_joint_values(part, kind)
+    """Make all arrays of joints in a message, and in those inside of it, too short ("six"), or NaN ("nan")."""
+    for field, child in message.ListFields():
+        if not field.message_type or field.is_repeated:
+            continue
+        if child.DESCRIPTOR.name != "JointValues":
+            _spoil_joint_values(child, kind)
         elif kind == "six":
-            del part.value[JOINTS - 1 :]
+            del child.value[JOINTS - 1 :]
         else:
-            part.value[:] = [float("nan")] * len(part.value)
+            child.value[:] = [float("nan")] * len(child.value)

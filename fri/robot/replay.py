@@ -44,11 +44,19 @@ def read_client_log(log: Path, summary: Path) -> ClientLog:
         names = stream.readline().strip().split(",")
         lines = stream.readlines()
     values = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
+    places: dict[str, list[int]] = {}  # columns of each array
+    for k, name in enumerate(names):
+        places.setdefault(_array_name(name), []).append(k)
     columns: dict[str, NDArray[Any]] = {}
-    for name in dict.fromkeys(n.rsplit("_", 1)[0] if n[-1].isdigit() else n for n in names):
-        wanted = [k for k, n in enumerate(names) if n == name or (n[-1].isdigit() and n.rsplit("_", 1)[0] == name)]
-        columns[name] = values[:, wanted[0]] if names[wanted[0]] == name else values[:, wanted]
+    for name, wanted in places.items():
+        is_single = names[wanted[0]] == name
+        columns[name] = values[:, wanted[0]] if is_single else values[:, wanted]
     return ClientLog(columns, json.loads(summary.read_text()))
+
+
+def _array_name(column: str) -> str:
+    """Return the name of the array that a column belongs to: q of q_0."""
+    return column.rsplit("_", 1)[0] if column[-1].isdigit() else column
 
 
 def controller(robot: Any, summary: Mapping[str, Any]) -> Any:
@@ -73,18 +81,13 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
     It begins anew, and is reset, where the client's did and was, and misses the samples that the client's missed.
     """
     torque = np.full((len(log), JOINTS), np.nan)
-    told = log.summary["controller"]
-    stiffness = np.diag(told["task_stiffness"])
-    paper = told["law"] == "paper"
-    # under the paper's law the controller's own springs are off: the law's torque is its offset
-    blocks = (0.0 if paper else 1.0) * np.array([stiffness[:3, :3], stiffness[3:, 3:]])
-    springs = {"translation_stiffness": blocks[0], "rotation_stiffness": blocks[1], "shaped": True}
-    springs["posture_stiffness"] = 0.0 if paper else told["posture_stiffness"]
-    steps = np.flatnonzero((log["start"] != 0) | (log["reset"] != 0))
-    for begin, end in pairwise([*steps, len(log)]):
+    is_paper = log.summary["controller"]["law"] == "paper"
+    springs = _springs(log.summary["controller"])
+    begins = np.flatnonzero((log["start"] != 0) | (log["reset"] != 0))
+    for begin, end in pairwise([*begins, len(log)]):
         if log["start"][begin]:
             impedance = controller(robot, log.summary)
-            law = _PaperTorque(robot, log.summary) if paper else None
+            law = _PaperTorque(robot, log.summary) if is_paper else None
         else:
             impedance.reset()
         part = slice(begin, end)
@@ -97,6 +100,18 @@ def replayed_torque(robot: Any, log: ClientLog) -> NDArray[np.float64]:
             sample = {name: each[k] for name, each in inputs.items()}
             torque[begin + k] = law.step(impedance, springs, sample, wrench)
     return torque
+
+
+def _springs(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the springs that a client commands; under the paper's law they are off, and the law's torque an offset."""
+    stiffness = np.diag(told["task_stiffness"])
+    share = 0.0 if told["law"] == "paper" else 1.0
+    return {
+        "translation_stiffness": share * stiffness[:3, :3],
+        "rotation_stiffness": share * stiffness[3:, 3:],
+        "shaped": True,
+        "posture_stiffness": 0.0 if told["law"] == "paper" else told["posture_stiffness"],
+    }
 
 
 class _PaperTorque:
@@ -150,23 +165,29 @@ def compare(robot: Any, log: ClientLog, received: Mapping[str, NDArray[Any]]) ->
     """Compare what the robot received (its log) with the controller stepped in Python on the client's log."""
     torque = replayed_torque(robot, log)
     worst_step = float(np.max(np.abs(torque - log["torque"]), initial=0.0))
-    sequence = np.rint(log["time"] / log.summary["sample_time"]).astype(int)
-    answered = {s: k for k, (s, valid) in enumerate(zip(sequence, log["sample_valid"], strict=True)) if valid}
-    active = received["state"] == SessionState.COMMANDING_ACTIVE
-    guard = log["events"].astype(int) & GUARD
+    sequence = np.rint(log["time"] / log.summary["sample_time"]).astype(int)  # of the message that each step answers
+    step_of = {s: k for k, (s, valid) in enumerate(zip(sequence, log["sample_valid"], strict=True)) if valid}
+    is_active = received["state"] == SessionState.COMMANDING_ACTIVE
+    is_guarded = log["events"].astype(int) & GUARD
     worst, worst_guarded, compared, guarded = 0.0, 0.0, 0, 0
-    for row in np.flatnonzero(active & received["has_torque"]):
-        step = answered.get(int(received["command_reflects"][row]))
+    for row in np.flatnonzero(is_active & received["has_torque"]):
+        step = step_of.get(int(received["command_reflects"][row]))
         if step is None:
             continue
         command = received["command_torque"][row]
-        if guard[step]:
+        if is_guarded[step]:
             guarded += 1
             worst_guarded = np.maximum(worst_guarded, np.max(np.abs(log["sent_torque"][step] - command)))
         else:
             compared += 1
             worst = np.maximum(worst, np.max(np.abs(torque[step] - command)))  # max() would lose a NaN
-    return Comparison(compared, float(worst), worst_step, guarded, float(worst_guarded))
+    return Comparison(
+        compared=compared,
+        worst=float(worst),
+        worst_step=worst_step,
+        guarded=guarded,
+        worst_guarded=float(worst_guarded),
+    )
 
 
 @dataclass(frozen=True)
@@ -187,24 +208,27 @@ def check_commands(received: Mapping[str, NDArray[Any]], summary: Mapping[str, A
     """Check the torques in the robot's log against the client's own limits.
 
     The client may move its torque by one step of the rate limit from one command that it sends to the next; between two
-    that arrived it may have moved as often as its counter did.
+    that arrived it may have moved as often as its counter did. Each motion starts from zero torque, in the cycle in
+    which the robot begins to command.
     """
     told = summary["controller"]
-    active = received["state"] == SessionState.COMMANDING_ACTIVE
-    rows = np.flatnonzero(active & received["has_torque"])
+    is_active = received["state"] == SessionState.COMMANDING_ACTIVE
+    rows = np.flatnonzero(is_active & received["has_torque"])
     torque = received["command_torque"][rows]
-    finite = np.isfinite(torque).all(axis=1)
-    beyond = (np.abs(torque) > np.array(told["effort_limit"])).any(axis=1)
-    # Each motion starts from zero torque.
-    motion = np.cumsum(np.diff(active, prepend=False))  # odd numbers count the motions
-    first = np.flatnonzero(np.diff(motion[rows], prepend=-1))
-    # what the client said of its own limits
-    limit = np.array(told["torque_rate_limit"]) * told["sample_time"]  # [N m] of one step
+    is_finite = np.isfinite(torque).all(axis=1)
+    is_beyond = (np.abs(torque) > np.array(told["effort_limit"])).any(axis=1)
     change = np.abs(np.diff(torque, axis=0, prepend=np.zeros((1, JOINTS))))
-    # that the client made between two commands that arrived
-    steps = np.diff(received["command_sequence"][rows], prepend=0)
+    steps = np.diff(received["command_sequence"][rows], prepend=0)  # of the client between two commands that arrived
+    motion = np.cumsum(np.diff(is_active, prepend=False))  # odd numbers count the motions, even ones the pauses
+    first = np.flatnonzero(np.diff(motion[rows], prepend=-1))  # command of each motion
+    begin = np.array([np.flatnonzero(motion == motion[row])[0] for row in rows[first]], dtype=int)  # row of each motion
     change[first] = np.abs(torque[first])
-    begin = np.array([np.flatnonzero(motion == motion[row])[0] for row in rows[first]], dtype=int)
     steps[first] = received["command_reflects"][rows[first]] - received["sequence"][begin].astype(int) + 1
-    rate = (change / limit).max(axis=1, initial=0.0) / np.maximum(steps, 1)
-    return Commands(len(rows), int((~finite).sum()), int(beyond.sum()), float(np.max(rate, initial=0.0)))
+    per_step = np.array(told["torque_rate_limit"]) * told["sample_time"]  # [N m] that the client allows itself
+    rate = (change / per_step).max(axis=1, initial=0.0) / np.maximum(steps, 1)
+    return Commands(
+        commands=len(rows),
+        not_finite=int((~is_finite).sum()),
+        beyond_limit=int(is_beyond.sum()),
+        worst_rate=float(np.max(rate, initial=0.0)),
+    )
