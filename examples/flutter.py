@@ -48,33 +48,43 @@ DRIVE = '<position joint="ball" kp="{}" gear="{} 0 0 0"/>'
 
 
 def limit(target: float) -> float:
-    """Return the damping ratio below which three drives flutter about a target [rad]."""
+    """Return the damping ratio below which three drives flutter about a target [rad] (docs/flutter.md)."""
     return float(target / (4 * np.sqrt(target / 2 / np.tan(target / 2))))
 
 
 def simulate(target: float, ratio: float, law: str, seconds: float = 6.0, every: int = 100) -> Array:
     """Return the angle [rad] to a target about z [rad] after a push about x, each ``every`` steps from the first on."""
-    damping = 2 * ratio * np.sqrt(STIFFNESS * INERTIA)
-    drives = "".join(DRIVE.format(STIFFNESS, axis) for axis in ("1 0 0", "0 1 0", "0 0 1")) if law == DRIVES else ""
-    inertia = " ".join([str(INERTIA)] * 3)
-    model = mujoco.MjModel.from_xml_string(MODEL.format(step=STEP, damping=damping, inertia=inertia, drives=drives))
+    model = _ball(ratio, law)
     data = mujoco.MjData(model)
-    aim, push = np.zeros(4), np.zeros(4)
-    mujoco.mju_axisAngle2Quat(aim, np.array([0.0, 0.0, 1.0]), target)
-    mujoco.mju_axisAngle2Quat(push, np.array([1.0, 0.0, 0.0]), PUSH)
-    mujoco.mju_mulQuat(data.qpos, aim, push)
+    aim = _quaternion(np.array([0.0, 0.0, 1.0]), target)
+    mujoco.mju_mulQuat(data.qpos, aim, _quaternion(np.array([1.0, 0.0, 0.0]), PUSH))
     if law == DRIVES:
         data.ctrl[:] = 0.0, 0.0, target
     angles, K = [], STIFFNESS * np.eye(3)
     for step in range(round(seconds / STEP) + 1):
         if law == GRADIENT or step % every == 0:
-            torque = drive.torque(data.qpos[XYZW], aim[XYZW], K, "log")
+            torque = drive.torque(data.qpos[XYZW], aim[XYZW], K, "log")  # of the size stiffness * angle
         if step % every == 0:
             angles.append(np.linalg.norm(torque) / STIFFNESS)
         if law == GRADIENT:
             data.qfrc_applied[:] = torque
         mujoco.mj_step(model, data)
     return np.array(angles)
+
+
+def _ball(ratio: float, law: str) -> mujoco.MjModel:
+    """Return a ball joint with a damping ratio, and with MuJoCo's drives about x, y and z for the law DRIVES."""
+    damping = 2 * ratio * np.sqrt(STIFFNESS * INERTIA)
+    drives = "".join(DRIVE.format(STIFFNESS, axis) for axis in ("1 0 0", "0 1 0", "0 0 1")) if law == DRIVES else ""
+    inertia = " ".join([str(INERTIA)] * 3)
+    return mujoco.MjModel.from_xml_string(MODEL.format(step=STEP, damping=damping, inertia=inertia, drives=drives))
+
+
+def _quaternion(axis: Array, angle: float) -> Array:
+    """Return MuJoCo's quaternion (w, x, y, z) of a turn about a unit vector by an angle [rad]."""
+    quaternion = np.zeros(4)
+    mujoco.mju_axisAngle2Quat(quaternion, axis, angle)
+    return quaternion
 
 
 def rows() -> list[tuple[str, ...]]:
@@ -103,37 +113,49 @@ def watch_limb(joint: str, law: str, seconds: float = 12.0, every: int = 40) -> 
 
     """
     target, stiffness, ratio = POSTURES[joint]
+    model = _limbs(joint, law, stiffness)
+    data, adr, first = mujoco.MjData(model), model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+    place, dofs = slice(adr, adr + 4), slice(first, first + 3)
+    aim = _quaternion(np.array(target) / np.linalg.norm(target), float(np.linalg.norm(target)))
+    across = np.cross(target, [1.0, 1.0, 1.0])  # an axis perpendicular to the target's
+    mujoco.mju_mulQuat(data.qpos[place], aim, _quaternion(across / np.linalg.norm(across), PUSH))
+    mujoco.mj_forward(model, data)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    largest_inertia = np.linalg.eigvalsh(M[dofs, dofs])[-1]  # of the slowest axis, whose ratio is stated
+    model.dof_damping[dofs] = 2 * ratio * np.sqrt(stiffness * largest_inertia)
+    data.ctrl[:] = target if law == DRIVES else ()
+    body, angles, points = model.joint(joint).bodyid[0], list[float](), list[Array]()
+    for step in range(round(seconds / model.opt.timestep) + 1):
+        # The form "log" has the torque stiffness * angle: its size gives the angle under both laws.
+        torque = drive.torque(data.qpos[place][XYZW], aim[XYZW], stiffness * np.eye(3), "log")
+        if step % every == 0:
+            mujoco.mj_kinematics(model, data)
+            angles.append(float(np.linalg.norm(torque) / stiffness))
+            points.append(_points(model, data, body))
+        if law == GRADIENT:
+            data.qfrc_applied[dofs] = torque
+        mujoco.mj_step(model, data)
+    return np.array(angles), np.array(points)
+
+
+def _limbs(joint: str, law: str, stiffness: float) -> mujoco.MjModel:
+    """Return the limbs, with MuJoCo's drives about the axes of a joint for the law DRIVES."""
     spec = mujoco.MjSpec.from_file(str(LIMBS))
     if law == DRIVES:
         for axis in np.eye(3):
             drive_of_axis = spec.add_actuator(target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, gear=[*axis, 0, 0, 0])
             drive_of_axis.set_to_position(kp=stiffness)
-    model = spec.compile()
-    data, adr, first = mujoco.MjData(model), model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
-    aim, push, M = np.zeros(4), np.zeros(4), np.zeros((model.nv, model.nv))
-    mujoco.mju_axisAngle2Quat(aim, np.array(target) / np.linalg.norm(target), float(np.linalg.norm(target)))
-    across = np.cross(target, [1.0, 1.0, 1.0])  # an axis perpendicular to the target's
-    mujoco.mju_axisAngle2Quat(push, across / np.linalg.norm(across), PUSH)
-    mujoco.mju_mulQuat(data.qpos[adr : adr + 4], aim, push)
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, M)
-    dofs = slice(first, first + 3)
-    # The ratio of the slowest axis, that of the largest inertia.
-    model.dof_damping[dofs] = 2 * ratio * np.sqrt(stiffness * np.linalg.eigvalsh(M[dofs, dofs])[-1])
-    data.ctrl[:] = target if law == DRIVES else ()
-    body, angles, points = model.joint(joint).bodyid[0], list[float](), list[Array]()
-    for step in range(round(seconds / model.opt.timestep) + 1):
-        # The form "log" has the torque stiffness * angle: its size gives the angle under both laws.
-        torque = drive.torque(data.qpos[adr : adr + 4][XYZW], aim[XYZW], stiffness * np.eye(3), "log")
-        if step % every == 0:
-            mujoco.mj_kinematics(model, data)
-            knee = data.xpos[body + 1].copy()  # the limb's lower part is the body behind it
-            angles.append(float(np.linalg.norm(torque) / stiffness))
-            points.append(np.array([data.xpos[body], knee, 2 * data.geom_xpos[model.body_geomadr[body + 1]] - knee]))
-        if law == GRADIENT:
-            data.qfrc_applied[dofs] = torque
-        mujoco.mj_step(model, data)
-    return np.array(angles), np.array(points)
+    return spec.compile()
+
+
+def _points(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
+    """Return the places (3, 3) [m] of a limb's joint, of its knee or elbow, and of its end.
+
+    The lower part is the body behind the upper one, and its geom is half-way from the knee to the end.
+    """
+    knee = data.xpos[body + 1].copy()
+    return np.array([data.xpos[body], knee, 2 * data.geom_xpos[model.body_geomadr[body + 1]] - knee])
 
 
 def limb_rows() -> list[tuple[str, ...]]:

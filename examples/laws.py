@@ -112,23 +112,23 @@ def pseudo_inverse(A: Array) -> Array:
 def positive(A: Array) -> Array:
     """Return the symmetric part of a matrix without its negative eigenvalues."""
     values, vectors = np.linalg.eigh(symmetric(A))
-    return np.asarray(vectors * np.maximum(values, 0) @ vectors.T)
+    kept = np.maximum(values, 0)
+    return np.asarray(vectors * kept @ vectors.T)
 
 
 def quaternion(R: Array) -> tuple[Array, Array]:
-    """Return scalar part >= 0 (1) and vector part (3) of a rotation's unit quaternion."""
-    # 2 sin(angle) times the axis
+    """Return scalar part >= 0 (1) and vector part (3) of a rotation's unit quaternion.
+
+    With q = (w, v) the matrix 4 q q^T has the entries 4 w^2 = 1 + trace, 4 w v from R - R^T, and 4 v v^T =
+    R + R^T + (1 - trace) 1. Each of its rows is proportional to q; the one with the largest square keeps all digits.
+    """
     axial = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
-    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
-    trace = diagonal.sum(-1, keepdims=True)
-    # Each row is proportional to the quaternion (w, x, y, z); the one with the largest square keeps all digits.
-    both = R + transposed(R)
-    rows = np.zeros((*R.shape[:-2], 4, 4))
-    rows[..., 0, :] = np.concatenate([1 + trace, axial], -1)
-    rows[..., 1:, 0] = axial
-    rows[..., 1:, 1:] = both + (1 - trace)[..., None] * np.eye(3)
-    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)[..., None, None]
-    row = np.take_along_axis(rows, best, axis=-2)[..., 0, :]
+    trace = np.diagonal(R, axis1=-2, axis2=-1).sum(-1, keepdims=True)
+    square = np.zeros((*R.shape[:-2], 4, 4))
+    square[..., 0, :], square[..., 1:, 0] = np.concatenate([1 + trace, axial], -1), axial
+    square[..., 1:, 1:] = R + transposed(R) + (1 - trace)[..., None] * np.eye(3)
+    best = np.argmax(np.diagonal(square, axis1=-2, axis2=-1), axis=-1)[..., None, None]
+    row = np.take_along_axis(square, best, axis=-2)[..., 0, :]
     row = row * np.where(row[..., :1] < 0, -1.0, 1.0) / np.linalg.norm(row, axis=-1, keepdims=True)
     unit = np.asarray(row, dtype=float)
     return unit[..., :1], unit[..., 1:]
@@ -136,9 +136,11 @@ def quaternion(R: Array) -> tuple[Array, Array]:
 
 def rotation_vector(R: Array) -> Array:
     """Return the rotation vector (3) [rad] of a rotation, at most pi long."""
-    w, v = quaternion(R)
-    sine = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.asarray(v * np.where(sine > 0, 2 * np.arctan2(sine, w) / np.where(sine > 0, sine, 1.0), 2.0))
+    cosine, vector = quaternion(R)  # of half the angle; its sine times the axis
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    is_turned = sine > 0
+    angle_over_sine = np.where(is_turned, 2 * np.arctan2(sine, cosine) / np.where(is_turned, sine, 1.0), 2.0)
+    return np.asarray(vector * angle_over_sine)
 
 
 def pose_error(goal: State, state: State) -> Array:
@@ -151,6 +153,11 @@ def mobility(state: State) -> tuple[Array, Array]:
     """Return M^-1 J^T (n, 6) and J M^-1 J^T (6, 6)."""
     lever = np.asarray(np.linalg.solve(state.M, transposed(state.J)), dtype=float)
     return lever, state.J @ lever
+
+
+def solved(A: Array, b: Array) -> Array:
+    """Return A^-1 b, over leading dimensions."""
+    return np.asarray(np.linalg.solve(A, b[..., None])[..., 0])
 
 
 # polymetis: HybridJointSpacePD, on which DROID's checkpoints and others were trained
@@ -169,7 +176,8 @@ def polymetis(goal: State, state: State) -> Array:
 
 
 def polymetis_twin(goal: State) -> Twin:
-    return Twin("spring", (KX[:3, :3], KX[3:, 3:]), KQ, goal.J.T @ KXD @ goal.J + KQD)
+    damping = goal.J.T @ KXD @ goal.J + KQD
+    return Twin(spring="spring", parameters=(KX[:3, :3], KX[3:, 3:]), posture=KQ, damping=damping)
 
 
 # SERL: serl_franka_controllers, CartesianImpedanceController (without its integral, whose gain is 0)
@@ -183,22 +191,22 @@ SERL_POSTURE_DAMPING = 2 * np.sqrt(0.2) * np.array([2 * np.sqrt(100.0), 1, 1, 1,
 
 def serl(goal: State, state: State) -> Array:
     """Return J^T (K clip(e) - D J dq) + (I - J^T J^T+) (posture spring), e with the vector part of a quaternion."""
-    R = state.pose[..., :3, :3]
-    _, vector = quaternion(transposed(R) @ goal.pose[..., :3, :3])
-    away = np.concatenate([goal.pose[..., :3, 3] - state.pose[..., :3, 3], times(R, vector)], -1)
-    wrench = times(SERL_K, np.clip(away, -SERL_CLIP, SERL_CLIP)) - times(SERL_D, times(state.J, state.dq))
+    R, JT = state.pose[..., :3, :3], transposed(state.J)
+    _, vector = quaternion(transposed(R) @ goal.pose[..., :3, :3])  # in the tip's axes
+    e = np.concatenate([goal.pose[..., :3, 3] - state.pose[..., :3, 3], times(R, vector)], -1)
+    wrench = times(SERL_K, np.clip(e, -SERL_CLIP, SERL_CLIP)) - times(SERL_D, times(state.J, state.dq))
     posture = SERL_POSTURE * (goal.q - state.q) - SERL_POSTURE_DAMPING * state.dq
-    JT = transposed(state.J)
     return np.asarray(times(JT, wrench) + posture - times(JT, times(pseudo_inverse(JT), posture)))
 
 
 def serl_twin(goal: State) -> Twin:
     """Return the bounded spring: the vector part of a quaternion is half an angle, so K counts half in rotation."""
-    free = np.eye(7) - goal.J.T @ pseudo_inverse(goal.J.T)
+    free = np.eye(7) - goal.J.T @ pseudo_inverse(goal.J.T)  # projector on the torques of the self-motion
     Kt, Ko = SERL_K[:3, :3], SERL_K[3:, 3:] / 2
-    limits = Kt[0, 0] * SERL_CLIP[0], SERL_K[3, 3] * SERL_CLIP[3]
-    damping = goal.J.T @ SERL_D @ goal.J + free * SERL_POSTURE_DAMPING
-    return Twin("spring_bounded", (Kt, Ko, *limits), symmetric(free * SERL_POSTURE), positive(damping))
+    largest_force, largest_moment = Kt[0, 0] * SERL_CLIP[0], SERL_K[3, 3] * SERL_CLIP[3]
+    damping = positive(goal.J.T @ SERL_D @ goal.J + free * SERL_POSTURE_DAMPING)
+    spring, posture = (Kt, Ko, largest_force, largest_moment), symmetric(free * SERL_POSTURE)
+    return Twin(spring="spring_bounded", parameters=spring, posture=posture, damping=damping)
 
 
 # CRISP: crisp_controllers, CartesianController, with the kinematic projector
@@ -216,9 +224,10 @@ def crisp(goal: State, state: State) -> Array:
 
 
 def crisp_twin(goal: State) -> Twin:
-    free = symmetric(np.eye(7) - pseudo_inverse(goal.J) @ goal.J)
+    free = symmetric(np.eye(7) - pseudo_inverse(goal.J) @ goal.J)  # projector on the self-motion
     damping = goal.J.T @ (2 * np.sqrt(CRISP_K)) @ goal.J + 2 * np.sqrt(CRISP_POSTURE) * free
-    return Twin("spring", (CRISP_K[:3, :3], CRISP_K[3:, 3:]), CRISP_POSTURE * free, damping)
+    stiffness = CRISP_K[:3, :3], CRISP_K[3:, 3:]
+    return Twin(spring="spring", parameters=stiffness, posture=CRISP_POSTURE * free, damping=damping)
 
 
 # robosuite: OperationalSpaceController, position and orientation decoupled
@@ -228,14 +237,14 @@ ROBOSUITE_KP, ROBOSUITE_POSTURE = 150.0, 10.0  # 1/s^2
 
 def robosuite(goal: State, state: State) -> Array:
     """Return J^T diag(Lp, Lo) (kp e - 2 sqrt(kp) J dq) + (I - J^T L J M^-1) M (k (q_d - q) - 2 sqrt(k) dq)."""
-    lever, inverse = mobility(state)
+    lever, inverse = mobility(state)  # M^-1 J^T, and L^-1
     wanted = ROBOSUITE_KP * pose_error(goal, state) - 2 * np.sqrt(ROBOSUITE_KP) * times(state.J, state.dq)
-    wrench = np.concatenate(
-        [np.linalg.solve(inverse[..., k, k], wanted[..., k, None])[..., 0] for k in (slice(3), slice(3, 6))], -1
-    )
+    force = solved(inverse[..., :3, :3], wanted[..., :3])
+    moment = solved(inverse[..., 3:, 3:], wanted[..., 3:])
+    wrench = np.concatenate([force, moment], -1)
     posture = ROBOSUITE_POSTURE * (goal.q - state.q) - 2 * np.sqrt(ROBOSUITE_POSTURE) * state.dq
     posture = times(state.M, posture)
-    taken = np.linalg.solve(inverse, times(transposed(lever), posture)[..., None])[..., 0]
+    taken = solved(inverse, times(transposed(lever), posture))  # L J M^-1 times the posture's torque
     return times(transposed(state.J), wrench - taken) + posture
 
 
@@ -250,7 +259,7 @@ def robosuite_twin(goal: State) -> Twin:
     task = goal.J[:3].T @ Lp @ goal.J[:3] + goal.J[3:].T @ Lo @ goal.J[3:]
     damping = 2 * np.sqrt(ROBOSUITE_KP) * task + 2 * np.sqrt(ROBOSUITE_POSTURE) * free
     stiffness = symmetric(ROBOSUITE_KP * Lp), symmetric(ROBOSUITE_KP * R.T @ Lo @ R)
-    return Twin("spring", stiffness, ROBOSUITE_POSTURE * free, damping)
+    return Twin(spring="spring", parameters=stiffness, posture=ROBOSUITE_POSTURE * free, damping=damping)
 
 
 # Isaac Lab and Newton: OperationalSpaceController with full decoupling and unequal gains
@@ -261,22 +270,22 @@ ISAAC_POSTURE = 10.0
 
 def isaac(goal: State, state: State) -> Array:
     """Return J^T L (Kp e - 2 sqrt(Kp) J dq) + (I - J^T L J M^-1) M (k (q_d - q) - 2 sqrt(k) dq)."""
-    lever, inverse = mobility(state)
+    lever, inverse = mobility(state)  # M^-1 J^T, and L^-1
     wanted = ISAAC_KP * pose_error(goal, state) - 2 * np.sqrt(ISAAC_KP) * times(state.J, state.dq)
     posture = ISAAC_POSTURE * (goal.q - state.q) - 2 * np.sqrt(ISAAC_POSTURE) * state.dq
     posture = times(state.M, posture)
-    wrench = np.linalg.solve(inverse, (wanted - times(transposed(lever), posture))[..., None])[..., 0]
+    wrench = solved(inverse, wanted - times(transposed(lever), posture))
     return times(transposed(state.J), wrench) + posture
 
 
 def isaac_twin(goal: State) -> Twin:
     """Return the coupled spring with the symmetric part of L Kp, in the axes of the equilibrium."""
-    inverse = mobility(goal)[1]
-    axes = np.kron(np.eye(2), goal.pose[:3, :3])
-    L = np.linalg.inv(inverse)
-    free = symmetric(np.asarray(goal.M - goal.J.T @ L @ goal.J))
-    damping = goal.J.T @ (L * 2 * np.sqrt(ISAAC_KP)) @ goal.J + 2 * np.sqrt(ISAAC_POSTURE) * free
-    return Twin("spring_coupled", (axes.T @ symmetric(L * ISAAC_KP) @ axes,), ISAAC_POSTURE * free, positive(damping))
+    L = np.linalg.inv(mobility(goal)[1])
+    axes = np.kron(np.eye(2), goal.pose[:3, :3])  # blkdiag(R, R)
+    free = symmetric(np.asarray(goal.M - goal.J.T @ L @ goal.J))  # mass of the self-motion
+    damping = positive(goal.J.T @ (L * 2 * np.sqrt(ISAAC_KP)) @ goal.J + 2 * np.sqrt(ISAAC_POSTURE) * free)
+    coupled = axes.T @ symmetric(L * ISAAC_KP) @ axes
+    return Twin(spring="spring_coupled", parameters=(coupled,), posture=ISAAC_POSTURE * free, damping=damping)
 
 
 LAWS = {
@@ -295,12 +304,12 @@ def torques(robot: ModuleType, law: Law, goal: State) -> tuple[Callable[[State],
 
 def tangent(robot: ModuleType, torque: Callable[[State], Array], q: Array, step: float = 2e-4) -> Array:
     """Differentiate a torque at rest: -d torque/dq (n, n), by differences of sixth order."""
-    weights = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
-    columns = np.zeros((len(q), len(q)))
+    weights = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # f'(0) = sum of w_k (f(k h) - f(-k h)) / h, up to h^6
+    slopes = np.zeros((len(q), len(q)))  # row i: derivative with respect to joint i
     for k, weight in weights.items():
         moved = k * step * np.eye(len(q))
-        columns += weight * (torque(State.of(robot, q + moved)) - torque(State.of(robot, q - moved))) / step
-    return -columns.T
+        slopes += weight * (torque(State.of(robot, q + moved)) - torque(State.of(robot, q - moved))) / step
+    return -slopes.T
 
 
 def orbit_work(
@@ -313,15 +322,15 @@ def orbit_work(
     random, t = np.random.default_rng(seed), np.linspace(0, 2 * np.pi, nodes, endpoint=False)
     found = np.zeros((2, count))
     for k in range(count):
-        axes = np.linalg.qr(random.normal(size=(7, 3)))[
-            0
-        ].T  # orthonormal: two of the circle's plane, one to its centre
+        orthonormal, _ = np.linalg.qr(random.normal(size=(7, 3)))
+        across, up, to_centre = orthonormal.T  # two axes of the circle's plane, and one from the goal to its centre
         goal = State.of(robot, HOME + random.uniform(-0.3, 0.3, 7))
-        q = goal.q + radius * (axes[2] + np.outer(np.cos(t), axes[0]) + np.outer(np.sin(t), axes[1]))
-        rate = radius * (np.outer(np.cos(t), axes[1]) - np.outer(np.sin(t), axes[0]))
+        q = goal.q + radius * (to_centre + np.outer(np.cos(t), across) + np.outer(np.sin(t), up))
+        rate = radius * (np.outer(np.cos(t), up) - np.outer(np.sin(t), across))  # dq/dt
         state = State.of(robot, q)
         for row, torque in enumerate(torques(robot, law, goal)):
-            found[row, k] = abs((torque(state) * rate).sum(-1).mean() * 2 * np.pi)
+            power = (torque(state) * rate).sum(-1)
+            found[row, k] = abs(power.mean() * 2 * np.pi)  # integral over t, exact but for harmonics from `nodes` on
     return found[0], found[1]
 
 
@@ -342,25 +351,41 @@ def replay(robot: ModuleType, torque_at: TorqueAt, motion: Array, rotors: ArrayL
 
     The law runs at 1 kHz; gravity and Coriolis forces are compensated. ``rotors`` (n) [kg m^2] are the motors' inertia.
     """
+    step, steps_per_sample, samples_per_goal = 1e-3, 5, 12  # [s]
     q, dq, found = motion[0].copy(), np.zeros(7), []
+    motors = np.diag(np.broadcast_to(rotors, 7))
     for k in range(len(motion)):
-        if k % 12 == 0:
+        if k % samples_per_goal == 0:
             torque = torque_at(State.of(robot, motion[k]))
-        for _ in range(5):
+        for _ in range(steps_per_sample):
             state = State.of(robot, q, dq)
-            dq = dq + 1e-3 * np.linalg.solve(state.M + np.diag(np.broadcast_to(rotors, 7)), torque(state))
-            q = q + 1e-3 * dq
+            dq = dq + step * np.linalg.solve(state.M + motors, torque(state))
+            q = q + step * dq
         found.append(q)
     return np.array(found)
 
 
 def replayed_difference(robot: ModuleType, law: Law, motion: Array) -> tuple[float, float, float]:
     """Return rms of tip to goal under the law, rms and maximum between tips under law and twin [m]."""
-    laws = (lambda goal: torques(robot, law, goal)[0]), (lambda goal: torques(robot, law, goal)[1])
-    tips = [robot.forward_kinematics(replay(robot, each, motion))[:, :3, 3] for each in laws]
-    lag = tips[0] - robot.forward_kinematics(motion)[:, :3, 3]
-    apart = np.linalg.norm(tips[0] - tips[1], axis=1)
+    of_law = _replayed_tips(robot, _of_law(law), motion)
+    of_twin = _replayed_tips(robot, lambda goal: torques(robot, law, goal)[1], motion)
+    lag = of_law - _tips(robot, motion)
+    apart = np.linalg.norm(of_law - of_twin, axis=1)
     return float(np.sqrt((lag**2).sum(1).mean())), float(np.sqrt((apart**2).mean())), float(apart.max())
+
+
+def _of_law(law: Law) -> TorqueAt:
+    return lambda goal: partial(law.torque, goal)
+
+
+def _tips(robot: ModuleType, q: Array) -> Array:
+    """Return the positions of the tip (k, 3) [m] at joint positions (k, n)."""
+    return np.asarray(robot.forward_kinematics(q)[:, :3, 3])
+
+
+def _replayed_tips(robot: ModuleType, torque_at: TorqueAt, motion: Array, rotors: ArrayLike = 0.0) -> Array:
+    """Return the positions of the tip (k, 3) [m] of an arm that follows a motion (:func:`replay`)."""
+    return _tips(robot, replay(robot, torque_at, motion, rotors))
 
 
 PRESETS = {"droid": "polymetis", "serl": "SERL", "crisp": "CRISP"}
@@ -409,19 +434,19 @@ def served_rows(robot: ModuleType, samples: int = 1200) -> list[tuple[str, ...]]
     """Return the table of presets: lags of law and of controller, and rms and maximum between their tips."""
     made: list[tuple[str, ...]] = []
     motion = recorded()[:samples]
-    wanted = robot.forward_kinematics(motion)[:, :3, 3]  # tip positions of the recording (samples, 3) [m]
+    wanted = _tips(robot, motion)
     for preset, name in PRESETS.items():
-        both = (lambda goal, law=LAWS[name]: torques(robot, law, goal)[0]), serve(robot, preset)
-        tips = [robot.forward_kinematics(replay(robot, each, motion, ROTORS))[:, :3, 3] for each in both]
-        squares = [((a - b) ** 2).sum(1) for a, b in ((tips[0], wanted), (tips[1], wanted), (tips[0], tips[1]))]
-        lengths = [*(np.sqrt(each.mean()) for each in squares), np.sqrt(squares[2].max())]
+        law = _replayed_tips(robot, _of_law(LAWS[name]), motion, ROTORS)
+        served = _replayed_tips(robot, serve(robot, preset), motion, ROTORS)
+        squares = [((a - b) ** 2).sum(1) for a, b in ((law, wanted), (served, wanted), (law, served))]  # [m^2]
+        lengths = [*(np.sqrt(each.mean()) for each in squares), np.sqrt(squares[-1].max())]
         made.append((f'"{preset}"', name, *(f"{1e3 * each:.1f} mm" for each in lengths)))
     return made
 
 
 def turned(robot: ModuleType, law: Law, angles: ArrayLike) -> tuple[Array, Array]:
     """Return the torques of joint 7 [N m] of law and twin, joint 7 turned beyond the goal by angles [rad]."""
-    goal = State.of(robot, np.append(HOME[:6], -2.6))
+    goal = State.of(robot, np.append(HOME[:6], -2.6))  # joint 7 near its lower limit, so that it can turn far
     state = State.of(robot, goal.q + np.multiply.outer(np.asarray(angles), np.eye(7)[6]))
     one, other = (torque(state)[..., 6] for torque in torques(robot, law, goal))
     return one, other
@@ -440,24 +465,26 @@ QUANTITIES = (
 
 def rows(robot: ModuleType, orbits: int = 300, samples: int = 1200) -> list[tuple[str, ...]]:
     """Return the table: a column for each law, with units in the entries."""
-    made: list[tuple[str, ...]] = [QUANTITIES]
     motion = recorded()[:samples]
-    for name, law in LAWS.items():
-        goal = State.of(robot, HOME)
-        K = tangent(robot, torques(robot, law, goal)[0], HOME)
-        antisymmetric = np.linalg.norm(K - K.T, 2) / 2
-        works, twins = orbit_work(robot, law, 0.2, orbits)
-        lag, rms, largest = replayed_difference(robot, law, motion)
-        one, other = turned(robot, law, np.radians([90, 170, 190]))
-        made.append((
-            name,
-            "below 1e-6 N m/rad" if antisymmetric < 1e-6 else f"{antisymmetric:.2g} N m/rad",
-            f"{np.median(works):.2g} J", f"{works.max():.2g} J",
-            "below 1e-10 J" if twins.max() < 1e-10 else f"{twins.max():.1e} J",
-            f"{1e3 * lag:.1f} mm", f"{1e3 * rms:.2f} mm", f"{1e3 * largest:.2f} mm",
-            ", ".join(f"{each:.3g}" for each in one) + " N m", ", ".join(f"{each:.3g}" for each in other) + " N m",
-        ))  # fmt: skip
-    return list(zip(*made, strict=True))
+    columns = [QUANTITIES, *(_column(robot, name, law, orbits, motion) for name, law in LAWS.items())]
+    return list(zip(*columns, strict=True))
+
+
+def _column(robot: ModuleType, name: str, law: Law, orbits: int, motion: Array) -> tuple[str, ...]:
+    """Return the entries of a law, in the order of QUANTITIES."""
+    K = tangent(robot, torques(robot, law, State.of(robot, HOME))[0], HOME)
+    antisymmetric = np.linalg.norm(K - K.T, 2) / 2
+    works, twins = orbit_work(robot, law, 0.2, orbits)
+    lag, rms, largest = replayed_difference(robot, law, motion)
+    one, other = turned(robot, law, np.radians([90, 170, 190]))
+    return (
+        name,
+        "below 1e-6 N m/rad" if antisymmetric < 1e-6 else f"{antisymmetric:.2g} N m/rad",
+        f"{np.median(works):.2g} J", f"{works.max():.2g} J",
+        "below 1e-10 J" if twins.max() < 1e-10 else f"{twins.max():.1e} J",
+        f"{1e3 * lag:.1f} mm", f"{1e3 * rms:.2f} mm", f"{1e3 * largest:.2f} mm",
+        ", ".join(f"{each:.3g}" for each in one) + " N m", ", ".join(f"{each:.3g}" for each in other) + " N m",
+    )  # fmt: skip
 
 
 def main() -> None:

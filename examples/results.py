@@ -29,6 +29,8 @@ Rows = list[tuple[str, ...]]
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "results.md"
 ROBOTS = Path("build/robots")
+EVERY = 20
+"""Samples of a recorded trajectory from one posture that is looked at to the next."""
 TASK_STIFFNESS: Array = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
 """The paper's K [N/m, N m/rad], hybrid frame."""
 
@@ -65,20 +67,31 @@ def experiments(robots: Path) -> Rows:
     traces = read_traces(PARKOUR, results / PARKOUR.name)
     found = {law: analysis.findings(ball, law, trace) for law, trace in traces.items()}
     board, shift = found["conventional"], trajectory.compare(ball)
+    board_closed_form_error = max(each.closed_form_error for each in found.values())
+    board_contact = min(each.contact for each in found.values())
     return [
-        ("antisymmetric part, corrected, every entry", *(_below(each, 1e-12) + " N m/rad" for each in (
-            bowl.antisymmetric_entry[0], found["corrected"].symmetric_entry))),
+        ("antisymmetric part, corrected, every entry", _stiffness_below(bowl.antisymmetric_entry[0]),
+         _stiffness_below(found["corrected"].symmetric_entry)),
         ("antisymmetric part, conventional, largest singular value", f"{bowl.antisymmetric[1]:.1f} N m/rad",
          f"{board.antisymmetric:.2f} N m/rad"),
-        ("conventional less its closed form J_r^T [m]x J_r / 2", *(_below(each, 1e-12) + " N m/rad" for each in (
-            max(bowl.closed_form_error), max(each.closed_form_error for each in found.values())))),
+        ("conventional less its closed form J_r^T [m]x J_r / 2", _stiffness_below(max(bowl.closed_form_error)),
+         _stiffness_below(board_closed_form_error)),
         ("largest moment at the tool point", f"{max(bowl.largest_moment):.1f} N m", f"{board.moment:.2f} N m"),
-        ("contact, of the samples", f"{min(bowl.contact):.0%}", f"{min(each.contact for each in found.values()):.0%}"),
+        ("contact, of the samples", f"{min(bowl.contact):.0%}", f"{board_contact:.0%}"),
         ("torque of the correction, at most", "", f"{board.correction_torque:.1g} N m"),
-        ("work beyond the controller's bound, largest", *("none" if each <= 0.0 else f"{each:.1e} J" for each in (
-            bowl.excess, found["potential"].excess))),
+        ("work beyond the controller's bound, largest", _excess(bowl.excess), _excess(found["potential"].excess)),
         ("replayed below recorded trajectory", "", f"{-1e3 * shift.mean[2]:.2f} mm"),
     ]  # fmt: skip
+
+
+def _stiffness_below(value: float) -> str:
+    """Return a stiffness that is zero up to rounding."""
+    return _below(value, 1e-12) + " N m/rad"
+
+
+def _excess(work: float) -> str:
+    """Return work [J] beyond a bound."""
+    return "none" if work <= 0.0 else f"{work:.1e} J"
 
 
 def per_moment(robots: Path) -> Rows:
@@ -89,27 +102,33 @@ def per_moment(robots: Path) -> Rows:
         ("bowl", "bowl_wiping", "zero_force_trajectory.csv"),
         ("parkour", "parkour", "recorded_trajectory.csv"),
     ):
-        q = np.loadtxt(ROOT / "examples" / folder / file, delimiter=",").T[::20]
-        wrench = np.hstack([np.zeros((3, 3)), np.eye(3)])
-        K = robot.hybrid.joint_stiffness_uncorrected(q[:, None], wrench, TASK_STIFFNESS)
+        q = _postures(ROOT / "examples" / folder / file)
+        moments = np.hstack([np.zeros((3, 3)), np.eye(3)])  # (3, 6): a wrench per axis
+        K = robot.hybrid.joint_stiffness_uncorrected(q[:, None], moments, TASK_STIFFNESS)  # (postures, 3, 7, 7)
         turned = np.swapaxes(K, -1, -2)
         odd, even = (np.linalg.norm(part, 2, axis=(-2, -1)) for part in ((K - turned) / 2, (K + turned) / 2))
         rows.append((name, f"{odd.min():.2f} to {odd.max():.2f}", f"{even.min():.0f} to {even.max():.0f}"))
     return rows
 
 
+def _postures(file: Path) -> Array:
+    """Return every 20th posture of a trajectory (postures, 7) [rad]; its file has a row per joint."""
+    return np.asarray(np.loadtxt(file, delimiter=",").T[::EVERY])
+
+
 def symmetrising(robots: Path) -> Rows:
     """Compute the symmetric part of the conventional matrix less the corrected one, on the bowl's path."""
     robot = _iiwa()
-    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]
+    q = _postures(energy_cycle.TRAJECTORY)
     rows = []
     for name, wrench in (("moment alone", np.r_[np.zeros(3), 4, -3, 8.0]), ("force and moment", energy_cycle.WRENCH)):
         row = [name]
         for representation in ("hybrid", "body", "spatial"):
             kernels = getattr(robot, representation)
             K = kernels.joint_stiffness_uncorrected(q, wrench, TASK_STIFFNESS)
+            symmetric = (K + np.swapaxes(K, -1, -2)) / 2
             corrected = kernels.joint_stiffness(q, wrench, TASK_STIFFNESS)
-            row.append(_below(np.abs((K + np.swapaxes(K, -1, -2)) / 2 - corrected).max(), 1e-12))
+            row.append(_below(np.abs(symmetric - corrected).max(), 1e-12))
         rows.append(tuple(row))
     return rows
 
@@ -117,7 +136,7 @@ def symmetrising(robots: Path) -> Rows:
 def spatial_term(robots: Path) -> Rows:
     """Compare one spring in two representations: joint stiffness of the spatial form less the hybrid one."""
     robot = _iiwa()
-    q = np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]  # every 20th posture, (rows, 7) [rad]
+    q = _postures(energy_cycle.TRAJECTORY)
     K = robot.hybrid.joint_stiffness(q, energy_cycle.WRENCH, TASK_STIFFNESS)
     rows: Rows = []
     for name, as_tensor in (("with the covariant term", False), ("without it, as in the paper's spatial form", True)):
@@ -135,15 +154,15 @@ def secant(robots: Path) -> Rows:
     rows: Rows = []
     for degrees in (20, 60, 90, 120):
         spring = theory.pendulum_spring(np.radians([degrees]))
-        rows.append((f"one joint at {degrees} deg, torque / k", *(f"{value:.2f}" for value in (
-            -spring["torque"][0], -spring["secant_law"][0]))))  # fmt: skip
-    q = energy_cycle.centre()
-    robot = _iiwa()
+        torque, as_secant = -spring["torque"][0], -spring["secant_law"][0]
+        rows.append((f"one joint at {degrees} deg, torque / k", f"{torque:.2f}", f"{as_secant:.2f}"))
+    robot, q = _iiwa(), energy_cycle.centre()
     for u, v in energy_cycle.PLANES:
-        works = [
+        of_gradient, of_tangent = (
             energy_cycle.following(robot, q, (u, v), energy_cycle.RADIUS, law)[-1] for law in ("gradient", "corrected")
-        ]
-        rows.append((f"lap of joints {u + 1}, {v + 1}, work [J]", _below(abs(works[0]), 1e-12), f"{works[1]:.1e}"))
+        )
+        name = f"lap of joints {u + 1}, {v + 1}, work [J]"
+        rows.append((name, _below(abs(of_gradient), 1e-12), f"{of_tangent:.1e}"))
     return rows
 
 
@@ -155,41 +174,55 @@ _PAYLOAD = np.array([1.3, 0.0, 0.0, 1.3 * 0.09])
 
 def wrenches(robots: Path) -> Rows:
     """Compare Kq under wrongly declared readings, and that of the published client, with Kq on the bowl's path."""
-
-    def model(tip: str = "link_ee", **options: Any) -> stiffgen.StiffnessModel:
-        chain = stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf", tip=tip, masses=False, **options)
-        return stiffgen.StiffnessModel(chain)
-
-    def felt(xyz: tuple[float, float, float] = (0.0, 0.0, 0.0), sign: Any = "environment") -> stiffgen.StiffnessModel:
-        return model(tool=stiffgen.Tool(xyz=_TOOL_POINT), sensor=stiffgen.Sensor("link_ee", xyz, sign=sign))
-
-    true, client = felt(), model("link_7")
+    true, client = _felt(), _model("link_7")
+    # how the reading is declared, and the payload that is taken off
     wrong = {
-        "the other sign": (felt(sign="robot"), -_PAYLOAD),
-        "moment left at the sensor": (felt(_TOOL_POINT), _PAYLOAD),
+        "the other sign": (_felt(sign="robot"), -_PAYLOAD),
+        "moment left at the sensor": (_felt(_TOOL_POINT), _PAYLOAD),
         "weight of the tool left in": (true, np.zeros(4)),
     }
-    found: dict[str, list[list[float]]] = {name: [] for name in (*wrong, "the published client")}
-    random, none = np.random.default_rng(0), np.zeros(6)
-    for q in np.loadtxt(energy_cycle.TRAJECTORY, delimiter=",").T[::20]:  # every 20th posture (7) [rad]
-        wrench = random.uniform(-1, 1, 6) * [20, 20, 20, 2, 2, 2]
+    # errors of moment [N m] and stiffness (share), posture by posture
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in (*wrong, "the published client")}
+    random, no_bias = np.random.default_rng(0), np.zeros(6)
+    for q in _postures(energy_cycle.TRAJECTORY):
+        wrench = random.uniform(-1, 1, 6) * [20, 20, 20, 2, 2, 2]  # [N], [N m]
         right = np.array(true.hybrid.joint_stiffness(q, wrench, TASK_STIFFNESS))
-        reading = true.sensor.reading(q, wrench, none, _PAYLOAD)
+        reading = true.sensor.reading(q, wrench, no_bias, _PAYLOAD)
         for name, (declared, payload) in wrong.items():
-            taken = np.array(declared.sensor.tip_wrench(q, reading, none, payload)).ravel()
-            off = np.array(true.hybrid.joint_stiffness(q, taken, TASK_STIFFNESS)) - right
-            found[name].append([np.abs((taken - wrench)[3:]).max(), np.abs(off).max() / np.abs(right).max()])
-        J, lever = np.array(client.hybrid.jacobian(q)), np.array([0, 0, 0.035 + _TOOL_POINT[2]])
-        # The published client's Jacobian:
-        moved = np.vstack([J[:3] - theory.cross_matrix(lever) @ J[3:], J[3:]])  # the lever stays in base axes
-        matrix = TASK_STIFFNESS + np.array(client.hybrid.connection_correction(wrench))
-        off = np.array(client.hybrid.kinematic_stiffness(q, wrench)) + moved.T @ matrix @ moved - right
-        found["the published client"].append([np.nan, np.abs(off).max() / np.abs(right).max()])
+            taken = np.array(declared.sensor.tip_wrench(q, reading, no_bias, payload)).ravel()
+            stiffness = np.array(true.hybrid.joint_stiffness(q, taken, TASK_STIFFNESS))
+            found[name].append((np.abs((taken - wrench)[3:]).max(), _share_off(stiffness, right)))
+        found["the published client"].append((np.nan, _share_off(_client_stiffness(client, q, wrench), right)))
     rows: Rows = []
     for name, values in found.items():
         (moment, median), (_, worst) = np.median(values, axis=0), np.max(values, axis=0)
         rows.append((name, "" if np.isnan(moment) else f"{moment:.1f} N m", f"{median:.1%}", f"{worst:.1%}"))
     return rows
+
+
+def _model(tip: str = "link_ee", **options: Any) -> stiffgen.StiffnessModel:
+    """Return the iiwa 14 up to a link, without masses."""
+    return stiffgen.StiffnessModel(stiffgen.load_chain(ROOT / "urdf" / "iiwa14.urdf", tip=tip, masses=False, **options))
+
+
+def _felt(xyz: tuple[float, float, float] = (0.0, 0.0, 0.0), sign: Any = "environment") -> stiffgen.StiffnessModel:
+    """Return the iiwa 14 up to the plate's tool point, with a sensor at a place of the flange [m] and of a sign."""
+    return _model(tool=stiffgen.Tool(xyz=_TOOL_POINT), sensor=stiffgen.Sensor("link_ee", xyz, sign=sign))
+
+
+def _share_off(stiffness: Array, right: Array) -> float:
+    """Return the largest error of an entry as a share of the largest entry."""
+    return float(np.abs(stiffness - right).max() / np.abs(right).max())
+
+
+def _client_stiffness(client: stiffgen.StiffnessModel, q: Array, wrench: Array) -> Array:
+    """Return Kq as the published client computes it: a Jacobian whose lever to the tool point stays in base axes."""
+    J = np.array(client.hybrid.jacobian(q))  # of link 7
+    lever = np.array([0, 0, 0.035 + _TOOL_POINT[2]])  # [m] from joint 7 to the tool point
+    moved = np.vstack([J[:3] - theory.cross_matrix(lever) @ J[3:], J[3:]])
+    matrix = TASK_STIFFNESS + np.array(client.hybrid.connection_correction(wrench))
+    kinematic = np.array(client.hybrid.kinematic_stiffness(q, wrench))
+    return np.asarray(kinematic + moved.T @ matrix @ moved)
 
 
 def compliance(robots: Path) -> Rows:

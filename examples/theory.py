@@ -26,6 +26,9 @@ Moment = Callable[[Array, Array], Array]
 
 ROOT = Path(__file__).resolve().parent.parent
 STEPS = 2000
+"""Steps of an orbit."""
+EVERY = 20
+"""Samples of the recorded trajectory from one configuration that is used to the next."""
 
 
 def cross_matrix(w: Array) -> Array:
@@ -49,19 +52,23 @@ def turn(w: Array) -> Array:
 
 def rotation_vector(R: Array) -> Array:
     """Return the w of :func:`turn`, for angles below pi."""
-    axis = vector(R - R.T) / 2
-    sine = float(np.linalg.norm(axis))
-    return axis if sine == 0 else axis * (np.arctan2(sine, (np.trace(R) - 1) / 2) / sine)
+    axis = vector(R - R.T) / 2  # sin(angle) times the unit axis
+    sine, cosine = float(np.linalg.norm(axis)), (np.trace(R) - 1) / 2
+    return axis if sine == 0 else axis * (np.arctan2(sine, cosine) / sine)
 
 
 def _quaternion_vector(R: Array) -> Array:
+    """Return twice the vector part of a rotation's unit quaternion: 2 sin(angle / 2) times the unit axis."""
     w = rotation_vector(R)
     angle = float(np.linalg.norm(w))
     return w if angle == 0 else 2 * np.sin(angle / 2) / angle * w
 
 
 def gradient(R: Array, K: Array) -> Array:
-    """Return minus the gradient of the trace energy tr(G (I - R)), G = tr(K)/2 I - K."""
+    """Return minus the gradient of the trace energy tr(G (I - R)), G = tr(K)/2 I - K.
+
+    A small turn w changes R by [w] R, and the energy by -tr(G [w] R) = -tr(A [w]) = vector(A - A^T) . w with A = R G.
+    """
     A = R @ (np.trace(K) / 2 * np.eye(3) - K)
     return -vector(A - A.T)
 
@@ -107,10 +114,10 @@ def asymmetry(robot: ModuleType) -> tuple[Array, Array]:
 
     The configurations are every 20th of the paper's recorded trajectory; moments of 1 N m act about each base axis.
     """
-    trajectory = np.loadtxt(ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv", delimiter=",").T[::20]
+    trajectory = np.loadtxt(ROOT / "examples" / "bowl_wiping" / "zero_force_trajectory.csv", delimiter=",").T[::EVERY]
     K = np.diag([700.0, 700.0, 800.0, 30.0, 30.0, 30.0])
-    wrench = np.hstack([np.zeros((3, 3)), np.eye(3)])
-    Ku = robot.hybrid.joint_stiffness_uncorrected(trajectory[:, None], wrench, K)
+    moments = np.hstack([np.zeros((3, 3)), np.eye(3)])  # (3, 6): a wrench per axis
+    Ku = robot.hybrid.joint_stiffness_uncorrected(trajectory[:, None], moments, K)  # (configurations, 3, n, n)
     turned = np.swapaxes(Ku, -1, -2)
     return np.linalg.norm((Ku - turned) / 2, 2, axis=(-2, -1)), np.linalg.norm((Ku + turned) / 2, 2, axis=(-2, -1))
 
@@ -186,50 +193,71 @@ def _basis_figure() -> Any:
     """Draw a force's components in polar axes, and two steps that do not commute."""
     from matplotlib.figure import Figure
 
-    from examples.style import AXES, INK
-
     figure = Figure(figsize=(7.8, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
-    # Left: one force at three places on a circle of radius 1.6, with its component along e_2 there.
-    for angle in np.radians([15, 50, 85]):
-        at = 1.6 * np.array([np.cos(angle), np.sin(angle)])
-        out, along = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-        _arrow(left, at, 0.5 * out, AXES[0], text="$e_1$" if angle < 0.3 else "")
-        _arrow(left, at, 0.5 * along, AXES[1], text="$e_2$" if angle < 0.3 else "")
-        _arrow(left, at, np.array([0.55, 0.0]), INK, width=2.2, text="$F$" if angle > 1 else "", shift=(0.03, -0.04))
-        left.plot(*at, "o", color=INK, markersize=4)
-        left.text(*(at - 0.42 * out), f"$F_2={-np.sin(angle):.2f}$", fontsize=8, ha="center", va="center")
-    arc = np.radians(np.linspace(0, 95, 60))
-    left.plot(1.6 * np.cos(arc), 1.6 * np.sin(arc), color=INK, linewidth=0.7, alpha=0.5)
-    left.set(xlim=(-0.7, 2.7), ylim=(-0.15, 2.5), aspect="equal",
-             title="one force F, three places: its component\non $e_2$ changes because $e_2$ turns")  # fmt: skip
-    # Right: a step of 1.5 along e_1 (kind 0) and a turn of 40 deg (kind 1), in both orders.
-    for order, colour, style in ((0, AXES[0], "-"), (1, AXES[1], "--")):
-        position, heading = np.zeros(2), 0.0
-        for kind in ((0, 1), (1, 0))[order]:
-            if kind == 0:
-                step = 1.5 * np.array([np.cos(heading), np.sin(heading)])
-                right.plot(*np.array([position, position + step]).T, style, color=colour, linewidth=2)
-                position = position + step
-            else:
-                heading += np.radians(40)
-                arc = np.linspace(0, np.radians(40), 30)
-                right.plot(
-                    position[0] + 0.35 * np.cos(arc), position[1] + 0.35 * np.sin(arc), color=colour, linewidth=1
-                )
-        for k, axis_colour in ((0, AXES[0]), (1, AXES[1])):
-            way = 0.4 * np.array([np.cos(heading + k * np.pi / 2), np.sin(heading + k * np.pi / 2)])
-            _arrow(right, position, way, axis_colour)
-        label = ("first along $e_1$, then turn", "first turn, then along $e_1$")[order]
-        right.text(*(position + ((-1.0, -0.32), (-1.35, 0.45))[order]), label, color=colour, fontsize=8)
-    right.plot(0, 0, "o", color=INK, markersize=4)
-    right.set(xlim=(-0.4, 2.4), ylim=(-0.6, 2.0), aspect="equal",
-              title="the same two steps of the tip's own axes,\nin the other order, end elsewhere")  # fmt: skip
+    _draw_polar_axes(left)
+    _draw_two_orders(right)
     for axes in (left, right):
         axes.set(xticks=[], yticks=[])
         axes.grid(False)
         axes.spines[:].set_visible(False)
     return figure
+
+
+def _direction(angle: float) -> Array:
+    """Return the unit vector at an angle [rad] from the x axis."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _draw_polar_axes(axes: Any) -> None:
+    """Draw one force at three places on a circle of radius 1.6, with its component along e_2 there."""
+    from examples.style import AXES, INK
+
+    radius, force = 1.6, np.array([0.55, 0.0])
+    for angle in np.radians([15, 50, 85]):
+        out, along = _direction(angle), np.array([-np.sin(angle), np.cos(angle)])  # e_1, e_2
+        at = radius * out
+        _arrow(axes, at, 0.5 * out, AXES[0], text="$e_1$" if angle < 0.3 else "")
+        _arrow(axes, at, 0.5 * along, AXES[1], text="$e_2$" if angle < 0.3 else "")
+        _arrow(axes, at, force, INK, width=2.2, text="$F$" if angle > 1 else "", shift=(0.03, -0.04))
+        axes.plot(*at, "o", color=INK, markersize=4)
+        axes.text(*(at - 0.42 * out), f"$F_2={-np.sin(angle):.2f}$", fontsize=8, ha="center", va="center")
+    arc = np.radians(np.linspace(0, 95, 60))
+    axes.plot(radius * np.cos(arc), radius * np.sin(arc), color=INK, linewidth=0.7, alpha=0.5)
+    axes.set(xlim=(-0.7, 2.7), ylim=(-0.15, 2.5), aspect="equal",
+             title="one force F, three places: its component\non $e_2$ changes because $e_2$ turns")  # fmt: skip
+
+
+def _draw_two_orders(axes: Any) -> None:
+    """Draw a step of 1.5 along e_1 and a turn of 40 deg, in both orders."""
+    from examples.style import AXES, INK
+
+    _draw_walk(axes, ("step", "turn"), AXES[0], "-", "first along $e_1$, then turn", (-1.0, -0.32))
+    _draw_walk(axes, ("turn", "step"), AXES[1], "--", "first turn, then along $e_1$", (-1.35, 0.45))
+    axes.plot(0, 0, "o", color=INK, markersize=4)
+    axes.set(xlim=(-0.4, 2.4), ylim=(-0.6, 2.0), aspect="equal",
+             title="the same two steps of the tip's own axes,\nin the other order, end elsewhere")  # fmt: skip
+
+
+def _draw_walk(
+    axes: Any, moves: tuple[str, str], colour: str, style: str, label: str, shift: tuple[float, float]
+) -> None:
+    """Draw a walk of two moves from the origin, the axes at its end, and a label beside them."""
+    from examples.style import AXES
+
+    position, heading = np.zeros(2), 0.0
+    for move in moves:
+        if move == "step":
+            step = 1.5 * _direction(heading)
+            axes.plot(*np.array([position, position + step]).T, style, color=colour, linewidth=2)
+            position = position + step
+        else:
+            heading += np.radians(40)
+            arc = np.linspace(0, np.radians(40), 30)
+            axes.plot(position[0] + 0.35 * np.cos(arc), position[1] + 0.35 * np.sin(arc), color=colour, linewidth=1)
+    _arrow(axes, position, 0.4 * _direction(heading), AXES[0])
+    _arrow(axes, position, 0.4 * _direction(heading + np.pi / 2), AXES[1])
+    axes.text(*(position + shift), label, color=colour, fontsize=8)
 
 
 def _tangent_figure() -> Any:
@@ -273,9 +301,9 @@ def _orbit_figure() -> Any:
     orientations, K = example_orbit(), np.diag([30.0, 30.0, 10.0])  # [N m/rad]
     colours = (CONVENTIONAL, SHADES[0], SHADES[1], POTENTIAL)
     for (name, law), colour, line in zip(LAWS.items(), colours, ("-", "--", ":", "-"), strict=True):
-        once = work(law, K, orientations)
-        three = np.concatenate([once, *(once[1:] + lap * once[-1] for lap in (1, 2))])  # each lap adds the same work
-        axes.plot(np.linspace(0, 3, len(three))[::20], three[::20], line, color=colour, linewidth=1.8, label=name)
+        lap = work(law, K, orientations)
+        energy = np.concatenate([lap, lap[1:] + lap[-1], lap[1:] + 2 * lap[-1]])  # each lap adds the same work
+        axes.plot(np.linspace(0, 3, len(energy))[::20], energy[::20], line, color=colour, linewidth=1.8, label=name)
     axes.axhline(0, color=INK, linewidth=0.8)
     axes.set(xlabel="laps", ylabel="energy put out by\nthe law [J]", xlim=(0, 3))
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -286,37 +314,51 @@ def _pair_figure() -> Any:
     """Draw the forces of three springs between two frames, by the place of their centre."""
     from matplotlib.figure import Figure
 
-    from examples.style import AXES, CORRECTED, INK
-
     figure = Figure(figsize=(7.8, 2.6), layout="constrained")
     apart, aside, angle, k = 0.4, 0.02, 0.1, 800.0  # [m], [m], [rad], [N/m]
     scale = 4.0  # of displacements and turns, which are small beside the distance
-    a, b, heading = np.zeros(2), np.array([apart, scale * aside]), scale * angle
-    out = -np.array([np.cos(heading), np.sin(heading)])  # from B towards A, in B's axes
+    a, b = np.zeros(2), np.array([apart, scale * aside])
+    out = -_direction(scale * angle)  # from B towards A, in B's axes
+    # where the spring pulls, and where that point is at rest, seen from the other frame
     places = {
         "A": (b, np.array([apart, 0.0])),
         "half-way": (b + apart / 2 * out, np.array([apart / 2, 0.0])),
         "B": (a, b + apart * out),
     }
+    titles = {"A": "centre at B, seen from A", "half-way": "centre half-way", "B": "centre at A, seen from B"}
     forces = pair_forces(aside, angle, apart, k)
     for axes, (name, (there, wanted)) in zip(figure.subplots(1, 3), places.items(), strict=True):
-        axes.plot([0, apart], [0, 0], color=AXES[0], linewidth=2)
-        axes.plot(*np.array([b, b + apart * out]).T, color=AXES[1], linewidth=2)
-        for point, letter in ((a, "A"), (b, "B")):
-            axes.plot(*point, "o", color=INK, markersize=5)
-            axes.text(point[0], point[1] + 0.025, letter, ha="center", color=INK)
-        if abs(forces[name]) > 1:
-            _arrow(axes, there, wanted - there, CORRECTED, width=2)
-        else:
-            axes.plot(*there, "o", color=CORRECTED, markersize=6)
+        _draw_frames(axes, a, b, apart, out)
+        _draw_pull(axes, there, wanted, is_pulled=abs(forces[name]) > 1)
         pull = f"{forces[name]:.0f} N" if abs(forces[name]) > 1 else "no force"
-        title = (
-            "centre half-way" if name == "half-way" else f"centre at {'B' if name == 'A' else 'A'}, seen from {name}"
-        )
-        axes.set(xlim=(-0.06, 0.46), ylim=(-0.12, 0.14), aspect="equal", title=f"{title}: {pull}", xticks=[], yticks=[])
+        axes.set(
+            xlim=(-0.06, 0.46), ylim=(-0.12, 0.14), aspect="equal", title=f"{titles[name]}: {pull}", xticks=[],
+            yticks=[],
+        )  # fmt: skip
         axes.grid(False)
         axes.spines[:].set_visible(False)
     return figure
+
+
+def _draw_frames(axes: Any, a: Array, b: Array, apart: float, out: Array) -> None:
+    """Draw tips A and B, and the first axis of each over the distance at rest."""
+    from examples.style import AXES, INK
+
+    axes.plot([0, apart], [0, 0], color=AXES[0], linewidth=2)
+    axes.plot(*np.array([b, b + apart * out]).T, color=AXES[1], linewidth=2)
+    for point, letter in ((a, "A"), (b, "B")):
+        axes.plot(*point, "o", color=INK, markersize=5)
+        axes.text(point[0], point[1] + 0.025, letter, ha="center", color=INK)
+
+
+def _draw_pull(axes: Any, there: Array, wanted: Array, *, is_pulled: bool) -> None:
+    """Draw the displacement that a spring pulls back, or a dot where there is none."""
+    from examples.style import CORRECTED
+
+    if is_pulled:
+        _arrow(axes, there, wanted - there, CORRECTED, width=2)
+    else:
+        axes.plot(*there, "o", color=CORRECTED, markersize=6)
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import re
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,10 @@ BETWEEN, ABSOLUTE = (400.0, 20.0), (800.0, 40.0)
 """Stiffness between the hands, and of both in the base [N/m, N m/rad]."""
 LIFT, TURN, PUSHED, END = (1.0, 2.5), (2.5, 7.0), (8.0, 8.6), 10.0
 """Beginning and end of the parts of the session [s]."""
+SQUEEZED, CARRIED, RAMP = (0.0, 0.3), (0.3, 0.9), 0.1
+"""[s] In which the hands begin to squeeze and take over the weight, and in which the push grows and falls."""
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s^2]."""
 
 
 def described(arm: Arm = IIWA) -> str:
@@ -96,9 +101,10 @@ def described(arm: Arm = IIWA) -> str:
     (root,) = (link for link in re.findall(r'<link\s+name="([^"]*)"', inner) if link not in children)
     arms = []
     for side, sign in SIDES.items():
-        one = re.sub(r'\b(name|link|joint)="([^"]*)"', rf'\1="{side}_\2"', inner)
+        named = re.sub(r'\b(name|link|joint)="([^"]*)"', rf'\1="{side}_\2"', inner)  # every name with its side
         joint = f'<joint name="{side}_stand" type="fixed"><parent link="stand"/><child link="{side}_{root}"/>'
-        arms.append(f'{one}{joint}<origin xyz="0 {sign * arm.gap} 0" rpy="{-sign * arm.tilt} 0 0"/></joint>')
+        origin = f'<origin xyz="0 {sign * arm.gap} 0" rpy="{-sign * arm.tilt} 0 0"/>'
+        arms.append(f"{named}{joint}{origin}</joint>")
     return f'<robot name="two_arms"><link name="stand"/>{"".join(arms)}</robot>'
 
 
@@ -201,11 +207,11 @@ def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, origins: Array)
     force, moment = (np.einsum("kji,kj->ki", axes, part) for part in (local[:, :3], local[:, 3:]))
     wrenches, touches = np.zeros((2, 6)), np.zeros(2, bool)
     for hand, side in enumerate(SIDES):
-        mine = data.contact.geom == model.geom(f"{side}_pad").id
-        sign = mine[:, 1:].astype(float) - mine[:, :1]
+        is_pad = data.contact.geom == model.geom(f"{side}_pad").id  # (contacts, 2): first and second geom
+        sign = is_pad[:, 1:].astype(float) - is_pad[:, :1]  # 0 for a contact of other geoms
         about_hand = moment + np.cross(data.contact.pos - origins[hand], force)
         wrenches[hand] = *(sign * force).sum(axis=0), *(sign * about_hand).sum(axis=0)
-        touches[hand] = mine.any()
+        touches[hand] = is_pad.any()
     return wrenches, touches
 
 
@@ -232,38 +238,59 @@ def run(module: Any, file: Path, arm: Arm = IIWA, end: float = END) -> BoxSessio
     follow = module.Follow(q, sample_time=STEP)
     stated = {"sample_time": STEP, "delay_samples": 0, "motor_inertia": ROTOR, "heaviest_wrench": [80.0, 20.0]}
     arms, stiff, rows, faults = module.Impedance(**stated, errors="raise"), springs(), [], 0
-    box = model.body("box").id
     for k in range(round(end / STEP)):
         time, q, dq = k * STEP, data.qpos[at], data.qvel[rate]
         q0, _ = follow.step(pose=wanted(time, arm) @ believed)
-        # Rows: left hand, right hand (base axes), and the pair's own, which squeezes [N, N m].
-        wrench = np.zeros((3, 6))
-        wrench[2, 2] = -SQUEEZE * smooth(time, (0.0, 0.3))  # of the right hand, along the z axis of the left one
-        weight = MASS * 9.81 * smooth(time, (0.3, 0.9))
-        wrench[:2, 2] = weight / 2
         out = arms.step(
-            counter=k, q=q, dq=dq, q0=q0, shaped=True, posture_stiffness=2.0, wrench_command=wrench,
+            counter=k, q=q, dq=dq, q0=q0, shaped=True, posture_stiffness=2.0, wrench_command=_commanded_wrench(time),
             torque_offset=data.qfrc_bias[rate], **stiff,
         )  # fmt: skip
         data.qfrc_applied[rate] = out.torque
-        data.xfrc_applied[box] = 0.0
-        begun, ended = smooth(time, (PUSHED[0], PUSHED[0] + 0.1)), smooth(time, (PUSHED[1] - 0.1, PUSHED[1]))
-        data.xfrc_applied[box, 0] = PUSH * (begun - ended)
-        data.xfrc_applied[box, 2] = MASS * 9.81 - weight  # a table carries what the hands do not yet carry
+        _push_box(model, data, time)
         mujoco.mj_step(model, data)
         faults += bool(out.fault)
-        poses = np.array([data.body(f"{side}_{arm.tip}").xpos for side in SIDES])
-        wrenches, touches = contact_wrenches(model, data, poses)
-        frames = np.tile(np.eye(4), (2, 1, 1))
-        frames[:, :3, 3] = poses
-        # The squeeze: the part of both wrenches that cancels in the sum.
-        inner = stiffgen.internal_wrench(*wrenches, *frames).internal
-        R, goal = data.body("box").xmat.reshape(3, 3), wanted(time, arm)
-        angle = np.arccos(np.clip((np.trace(R.T @ goal[:3, :3]) - 1) / 2, -1, 1))
-        away = np.linalg.norm(data.body("box").xpos - goal[:3, 3])
-        rows.append((time, away, angle, np.linalg.norm(inner[:3]), touches.sum()))
+        rows.append((time, *_observed(model, data, arm, time)))
     table = np.array(rows)
-    return BoxSession(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4], faults)
+    return BoxSession(time=table[:, 0], error=table[:, 1:3], internal=table[:, 3], contacts=table[:, 4], faults=faults)
+
+
+def _carried_weight(time: float) -> float:
+    """Return the weight [N] of the box that the hands carry: none at first, then all."""
+    return MASS * GRAVITY * smooth(time, CARRIED)
+
+
+def _commanded_wrench(time: float) -> Array:
+    """Return the commanded wrenches (3, 6) [N, N m]: left hand, right hand (base axes), and the pair's own.
+
+    The pair's acts on the right hand, along the z axis of the left one, and squeezes the box.
+    """
+    wrench = np.zeros((3, 6))
+    wrench[2, 2] = -SQUEEZE * smooth(time, SQUEEZED)
+    wrench[:2, 2] = _carried_weight(time) / 2
+    return wrench
+
+
+def _push_box(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> None:
+    """Apply the forces of others on the box: a person's push along x, and a table under it."""
+    force = data.xfrc_applied[model.body("box").id]
+    force[:] = 0.0
+    has_begun, has_ended = smooth(time, (PUSHED[0], PUSHED[0] + RAMP)), smooth(time, (PUSHED[1] - RAMP, PUSHED[1]))
+    force[0] = PUSH * (has_begun - has_ended)
+    force[2] = MASS * GRAVITY - _carried_weight(time)  # what the hands do not yet carry
+
+
+def _observed(model: mujoco.MjModel, data: mujoco.MjData, arm: Arm, time: float) -> tuple[Any, ...]:
+    """Return distance [m] and angle [rad] of the box from its wanted pose, internal force [N], and hands in touch."""
+    origins = np.array([data.body(f"{side}_{arm.tip}").xpos for side in SIDES])
+    wrenches, touches = contact_wrenches(model, data, origins)
+    frames = np.tile(np.eye(4), (2, 1, 1))
+    frames[:, :3, 3] = origins
+    # The squeeze: the part of both wrenches that cancels in the sum.
+    internal = stiffgen.internal_wrench(*wrenches, *frames).internal
+    R, goal = data.body("box").xmat.reshape(3, 3), wanted(time, arm)
+    angle = np.arccos(np.clip((np.trace(R.T @ goal[:3, :3]) - 1) / 2, -1, 1))
+    away = np.linalg.norm(data.body("box").xpos - goal[:3, 3])
+    return away, angle, np.linalg.norm(internal[:3]), touches.sum()
 
 
 def usual_torque(module: Any, q: Array, rest: Array, K: Array, arm: Arm = IIWA) -> Array:
@@ -272,14 +299,20 @@ def usual_torque(module: Any, q: Array, rest: Array, K: Array, arm: Arm = IIWA) 
     a, b = (hand.forward_kinematics(q) for hand in hands)
     Ja, Jb = (hand.hybrid.jacobian(q) for hand in hands)
     seen = np.linalg.inv(rest) @ np.linalg.inv(a) @ b  # pose of B seen from where it rests
-    R, lever = seen[:3, :3], b[:3, 3] - a[:3, 3]
-    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    size = np.linalg.norm(w)  # sine of the angle; w / sine * angle is the rotation vector
-    turn = w * (np.arctan2(size, (np.trace(R) - 1) / 2) / size if size > 0 else 1.0)
-    axes = a[:3, :3] @ rest[:3, :3]
-    f, m = axes @ K[:3, :3] @ seen[:3, 3], axes @ K[3:, 3:] @ turn
-    on_a = -np.concatenate([f, m + np.cross(lever, f)])
-    return np.asarray(-Jb.T @ np.concatenate([f, m]) - Ja.T @ on_a)
+    axes = a[:3, :3] @ rest[:3, :3]  # of the frame where B rests, in base axes
+    force = axes @ K[:3, :3] @ seen[:3, 3]
+    moment = axes @ K[3:, 3:] @ _rotation_vector(seen[:3, :3])
+    lever = b[:3, 3] - a[:3, 3]
+    on_b = -np.concatenate([force, moment])
+    on_a = np.concatenate([force, moment + np.cross(lever, force)])  # the reaction, about A's origin
+    return np.asarray(Jb.T @ on_b + Ja.T @ on_a)
+
+
+def _rotation_vector(R: Array) -> Array:
+    """Return the rotation vector [rad] of a rotation by less than half a turn."""
+    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2  # sine times the unit axis
+    sine, cosine = np.linalg.norm(w), (np.trace(R) - 1) / 2
+    return np.asarray(w * (np.arctan2(sine, cosine) / sine if sine > 0 else 1.0))
 
 
 def work_of_lap(module: Any, arm: Arm = IIWA, size: float = 0.4, nodes: int = 400) -> tuple[float, float]:
@@ -289,14 +322,18 @@ def work_of_lap(module: Any, arm: Arm = IIWA, size: float = 0.4, nodes: int = 40
     waves = random.normal(size=(2, len(middle))) * size / 2
     t = 2 * np.pi * np.arange(nodes)[:, None] / nodes
     q = middle + np.cos(t) * waves[0] + np.sin(t) * waves[1]  # (nodes, n) [rad], an ellipse in joint space
-    rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]  # dq/dt; the sums below are trapezoids of a periodic function
+    rate = np.cos(t) * waves[1] - np.sin(t) * waves[0]  # dq/dt
     K = np.diag([400.0, 300.0, 500.0, 30.0, 20.0, 10.0])
     rest = np.linalg.inv(grasps(arm)[0]) @ grasps(arm)[1]
-    usual = sum(float(usual_torque(module, at, rest, K, arm) @ along) for at, along in zip(q, rate, strict=True))
-    exact = sum(
-        float(module.pair.torque(at, rest, K[:3, :3], K[3:, 3:]) @ along) for at, along in zip(q, rate, strict=True)
-    )
-    return usual * 2 * np.pi / nodes, exact * 2 * np.pi / nodes
+
+    def work(torque_at: Callable[[Array], Array]) -> float:
+        """Return the integral of torque times rate over t: the trapezoidal rule of a periodic function."""
+        powers = (float(torque_at(at) @ along) for at, along in zip(q, rate, strict=True))
+        return sum(powers) * 2 * np.pi / nodes
+
+    usual = work(lambda at: usual_torque(module, at, rest, K, arm))
+    exact = work(lambda at: module.pair.torque(at, rest, K[:3, :3], K[3:, 3:]))
+    return usual, exact
 
 
 def told(session: BoxSession, work: tuple[float, float]) -> str:

@@ -84,57 +84,64 @@ class Findings:
 
 def findings(robot: ModuleType, trials: list[Trace]) -> Findings:
     """Analyse the trials, in the order of :data:`LAWS`: two of the paper's law, then the potential's."""
-    paper, potential = trials[:2], trials[2]
-    applied = [parts(trace["stiffness"])[1] for trace in paper]
-    formula = [
-        parts(robot.hybrid.joint_stiffness_uncorrected(trace["q"], trace["wrench_used"], TASK_STIFFNESS))[1]
-        for trace in paper
-    ]
-    closed = [closed_form(robot, trace["q"], trace["wrench_used"]) for trace in paper]
+    corrected, conventional, potential = trials
     wipes = [trace["pressing"] for trace in trials]  # masks of the samples in which the tool wipes
-    conventional, wipe = trials[1], wipes[1]
-    moment = np.linalg.norm(conventional["wrench_used"][wipe, 3:], axis=1)
-    per_moment = conventional["antisymmetric"][wipe] / moment
+    wipe = wipes[1]
+    applied = [parts(trace["stiffness"])[1] for trace in (corrected, conventional)]
+    per_moment = conventional["antisymmetric"][wipe] / np.linalg.norm(conventional["wrench_used"][wipe, 3:], axis=1)
     at_tool = np.concatenate([trace["wrench_used"][w] for trace, w in zip(trials, wipes, strict=True)])
+    tips = [robot.forward_kinematics(trace["q"])[wipe, :3, 3] for trace in (corrected, potential)]
 
     def all_three(value: Callable[[Trace, NDArray[np.bool_]], Any]) -> tuple[float, float, float]:
+        """Return a number of each trial and its mask."""
         first, second, third = (float(value(trace, w)) for trace, w in zip(trials, wipes, strict=True))
         return first, second, third
 
-    def each(value: Callable[[Trace, NDArray[np.bool_]], Any]) -> tuple[float, float]:
+    def paper(value: Callable[[Trace, NDArray[np.bool_]], Any]) -> tuple[float, float]:
+        """Return a number of each trial of the paper's law."""
         return all_three(value)[:2]
-
-    tips = [robot.forward_kinematics(trace["q"])[wipe, :3, 3] for trace in (trials[0], potential)]
 
     return Findings(
         antisymmetric_entry=(largest(applied[0]), largest(applied[1])),
-        closed_form_error=(
-            largest(formula[0] - closed[0]),
-            largest(np.stack([formula[1], applied[1]]) - closed[1]),
-        ),
-        antisymmetric=each(lambda t, w: t["antisymmetric"].max()),
+        closed_form_error=_closed_form_errors(robot, corrected, conventional, applied[1]),
+        antisymmetric=paper(lambda t, w: t["antisymmetric"].max()),
         antisymmetric_median=float(np.median(conventional["antisymmetric"][wipe])),
         per_moment=(float(per_moment.min()), float(per_moment.max())),
         worst_per_moment=worst_per_moment(robot, recorded()),
-        lowest_eigenvalue=each(lambda t, w: t["eigenvalues"].min()),
-        indefinite=each(lambda t, w: np.mean(t["eigenvalues"][w, 0] < 0)),
+        lowest_eigenvalue=paper(lambda t, w: t["eigenvalues"].min()),
+        indefinite=paper(lambda t, w: np.mean(t["eigenvalues"][w, 0] < 0)),
         contact=all_three(lambda t, w: np.mean(t["contact"][w])),
         largest_moment=all_three(lambda t, w: np.linalg.norm(t["wrench_used"][w, 3:], axis=1).max()),
         largest_force=all_three(lambda t, w: np.linalg.norm(t["wrench_used"][w, :3], axis=1).max()),
         moment_range=(float(at_tool[:, 3:].min()), float(at_tool[:, 3:].max())),
         force_range=(float(at_tool[:, :3].min()), float(at_tool[:, :3].max())),
         faults=(
-            faults(robot, paper[0]["status"]),
-            faults(robot, paper[1]["status"]),
+            faults(robot, corrected["status"]),
+            faults(robot, conventional["status"]),
             faults(robot, potential["status"]),
         ),
-        joint_difference=np.abs(paper[0]["q"] - paper[1]["q"]).max(axis=0),
+        joint_difference=np.abs(corrected["q"] - conventional["q"]).max(axis=0),
         tip_difference=float(np.linalg.norm(tips[0] - tips[1], axis=1).max()),
         deflection=all_three(lambda t, w: np.abs(t["error"]).max()),
         port_work=all_three(lambda t, w: t["port_total"][-1]),
         supplied=float(potential["supplied_total"][-1]),
         excess=excess(potential),
     )
+
+
+def _closed_form_errors(
+    robot: ModuleType, corrected: Trace, conventional: Trace, applied: Array
+) -> tuple[float, float]:
+    """Return the largest deviations of antisymmetric parts from the closed form, on the states of two trials.
+
+    They are those of the conventional formula; in the conventional trial also that of the ``applied`` stiffness.
+    """
+    formula, closed = [], []
+    for trace in (corrected, conventional):
+        q, wrench = trace["q"], trace["wrench_used"]
+        formula.append(parts(robot.hybrid.joint_stiffness_uncorrected(q, wrench, TASK_STIFFNESS))[1])
+        closed.append(closed_form(robot, q, wrench))
+    return largest(formula[0] - closed[0]), largest(np.stack([formula[1], applied]) - closed[1])
 
 
 def summary(found: Findings) -> list[Row]:

@@ -51,6 +51,24 @@ PRESS, FRICTION = 80.0, 0.3
 SMOOTH_POSTURE, SMOOTH_STIFFNESS = 0.5, 0.02
 """Costs of a change of the posture beyond the recording's [per rad^2] and of L [per 1] from knot to knot."""
 LOWER = np.tril_indices(6)
+"""Rows and columns of the lower triangle of a task stiffness."""
+SIZE: Array = np.sqrt(np.diag(WANTED))
+"""Scale of each joint, by which residuals of stiffness are divided: they are about 1."""
+OUTPUT: dict[str, Any] = {
+    "print_time": False,
+    "record_time": True,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+}
+"""Settings of IPOPT's output."""
+SETTINGS: dict[str, Any] = {
+    "ipopt.max_iter": 3000,
+    "ipopt.limited_memory_max_history": 20,
+    "ipopt.tol": 1e-5,
+    "ipopt.acceptable_tol": 1e-4,
+    "ipopt.acceptable_iter": 10,
+}
+"""Settings of IPOPT's search."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +115,53 @@ def joint_stiffness(robot: Any, task: Task, q: Array, task_stiffness: Array) -> 
 
 def distance(stiffness: Array) -> Array:
     """Return the distance to the desired joint stiffness, as in the cost, of matrices (..., 7, 7)."""
-    size = np.sqrt(np.diag(WANTED))
-    return np.asarray((((stiffness - WANTED) / np.outer(size, size)) ** 2).sum((-1, -2)))
+    return np.asarray((((stiffness - WANTED) / np.outer(SIZE, SIZE)) ** 2).sum((-1, -2)))
 
 
 def _upper(matrix: Any) -> Any:
+    """Return the entries of a symmetric matrix from the diagonal up, as a vector."""
     rows, columns = np.triu_indices(matrix.shape[0])
     return ca.vertcat(*(matrix[int(i), int(j)] for i, j in zip(rows, columns, strict=True)))
+
+
+def _triangle(entries: Any, size: int) -> Any:
+    """Return the lower triangular matrix of entries, row by row."""
+    matrix = ca.MX(size, size)
+    for e, (i, j) in enumerate(zip(*np.tril_indices(size), strict=True)):
+        matrix[int(i), int(j)] = entries[e]
+    return matrix
+
+
+@dataclass(frozen=True)
+class Knot:
+    """Unknowns of a knot: posture (7) [rad], entries of L (21), and entries of C (28), its rows divided by SIZE.
+
+    ``stiffness`` is S (7, 7) as an expression of them.
+    """
+
+    q: Any
+    entries: Any
+    square: Any
+    stiffness: Any
+
+
+def _add_knot(opti: Any, functions: Any, robot: Any, task: Task, k: int) -> Knot:
+    """Add the unknowns of knot ``k`` and their constraints to the problem."""
+    q, entries, square = opti.variable(7), opti.variable(21), opti.variable(28)
+    L, root = _triangle(entries, 6), _triangle(square, 7)
+    K = ca.DM(np.outer(SCALE, SCALE)) * (ca.mtimes(L, L.T) + FLOOR * ca.DM.eye(6))
+    S = functions.hybrid.joint_stiffness(q, task.wrenches[k], K) + POSTURE_STIFFNESS * ca.DM.eye(7)
+    pose = functions.forward_kinematics(q)
+    turn = ca.mtimes(pose[:3, :3].T, ca.DM(task.poses[k, :3, :3]))
+    # the tip is at the task's pose; 0.1 m counts as much as a turn whose sine is 1/2
+    opti.subject_to(10 * (pose[:3, 3] - task.poses[k, :3, 3]) == 0)
+    opti.subject_to(ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]) == 0)
+    C = ca.mtimes(ca.DM(np.diag(SIZE)), root)
+    weight = ca.DM(1 / np.outer(SIZE, SIZE))
+    opti.subject_to(_upper(weight * (S - LEAST * ca.DM.eye(7) - ca.mtimes(C, C.T))) == 0)
+    opti.subject_to(opti.bounded(robot.LOWER, q, robot.UPPER))
+    opti.subject_to(ca.diag(K) / LIMIT <= 1)
+    return Knot(q, entries, square, S)
 
 
 def solve(
@@ -123,74 +181,44 @@ def solve(
         RuntimeError: IPOPT did not converge.
 
     """
-    knots, opti = len(task.recorded), ca.Opti()
-    size = np.sqrt(np.diag(WANTED))  # scale of each joint, so that all residuals of stiffness are about 1
-    weight = ca.DM(1 / np.outer(size, size))
+    opti, starts = ca.Opti(), _starting_roots(robot, task)
+    weight = ca.DM(1 / np.outer(SIZE, SIZE))
     cost: Any = 0
-    postures: list[Any] = []
-    factors: list[Any] = []
-    stiffnesses = np.linalg.cholesky(
-        joint_stiffness(robot, task, task.recorded, np.broadcast_to(3 * PAPER_STIFFNESS, (knots, 6, 6)))
-        + 30.0 * np.eye(7)
-    )
-    for k in range(knots):
-        # posture [rad], triangle of the task stiffness, and triangle whose square keeps S - LEAST positive
-        q, entries, square = opti.variable(7), opti.variable(21), opti.variable(28)
-        factor, root = ca.MX(6, 6), ca.MX(7, 7)
-        for e, (i, j) in enumerate(zip(*LOWER, strict=True)):
-            factor[int(i), int(j)] = entries[e]
-        for e, (i, j) in enumerate(zip(*np.tril_indices(7), strict=True)):
-            root[int(i), int(j)] = square[e]
-        K = ca.DM(np.outer(SCALE, SCALE)) * (ca.mtimes(factor, factor.T) + FLOOR * ca.DM.eye(6))
-        S = functions.hybrid.joint_stiffness(q, task.wrenches[k], K) + POSTURE_STIFFNESS * ca.DM.eye(7)
-        pose = functions.forward_kinematics(q)
-        turn = ca.mtimes(pose[:3, :3].T, ca.DM(task.poses[k, :3, :3]))
-        # the tip is at the task's pose; 0.1 m counts as much as a turn whose sine is 1/2
-        opti.subject_to(10 * (pose[:3, 3] - task.poses[k, :3, 3]) == 0)
-        opti.subject_to(ca.vertcat(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]) == 0)
-        scaled_root = ca.mtimes(ca.DM(np.diag(size)), root)
-        opti.subject_to(_upper(weight * (S - LEAST * ca.DM.eye(7) - ca.mtimes(scaled_root, scaled_root.T))) == 0)
-        opti.subject_to(opti.bounded(robot.LOWER, q, robot.UPPER))
-        opti.subject_to(ca.diag(K) / LIMIT <= 1)
+    knots: list[Knot] = []
+    for k, recorded in enumerate(task.recorded):
+        knot = _add_knot(opti, functions, robot, task, k)
         # stiffness near the wanted one, and small steps from knot to knot
-        cost += ca.sumsqr(ca.sqrt(weight) * (S - WANTED) * ca.sqrt(weight))
-        if k:
-            recorded_step = task.recorded[k] - task.recorded[k - 1]
-            cost += SMOOTH_POSTURE * knots * ca.sumsqr(q - postures[-1] - recorded_step)
-            cost += SMOOTH_STIFFNESS * knots * ca.sumsqr(entries - factors[-1])
-        opti.set_initial(q, task.recorded[k])
-        opti.set_initial(entries, np.eye(6)[LOWER])
-        opti.set_initial(square, (stiffnesses[k] / size[:, None])[np.tril_indices(7)])
-        postures.append(q)
-        factors.append(entries)
+        cost += ca.sumsqr(ca.sqrt(weight) * (knot.stiffness - WANTED) * ca.sqrt(weight))
+        if knots:
+            step, recorded_step = knot.q - knots[-1].q, recorded - task.recorded[k - 1]
+            cost += SMOOTH_POSTURE * len(task.recorded) * ca.sumsqr(step - recorded_step)
+            cost += SMOOTH_STIFFNESS * len(task.recorded) * ca.sumsqr(knot.entries - knots[-1].entries)
+        opti.set_initial(knot.q, recorded)
+        opti.set_initial(knot.entries, np.eye(6)[LOWER])
+        opti.set_initial(knot.square, starts[k])
+        knots.append(knot)
     opti.minimize(cost)
     hessian = {} if exact_hessian else {"ipopt.hessian_approximation": "limited-memory"}
-    quiet: dict[str, Any] = {"print_time": False, "record_time": True, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-    opti.solver(
-        "ipopt",
-        {
-            **quiet,
-            **hessian,
-            "ipopt.max_iter": 3000,
-            "ipopt.limited_memory_max_history": 20,
-            "ipopt.tol": 1e-5,
-            "ipopt.acceptable_tol": 1e-4,
-            "ipopt.acceptable_iter": 10,
-            **(options or {}),
-        },
-    )
+    opti.solver("ipopt", {**OUTPUT, **hessian, **SETTINGS, **(options or {})})
     found = opti.solve()
     statistics = opti.stats()
-    evaluating = sum(value for name, value in statistics.items() if name.startswith("t_proc_nlp_"))
-    L = np.zeros((knots, 6, 6))  # lower triangles of the scaled task stiffness
-    for k, entries in enumerate(factors):
-        L[k][LOWER] = found.value(entries)
-    task_stiffness = np.outer(SCALE, SCALE) * (L @ L.swapaxes(-1, -2) + FLOOR * np.eye(6))
+    L = np.zeros((len(knots), 6, 6))  # lower triangles of the scaled task stiffness
+    for k, knot in enumerate(knots):
+        L[k][LOWER] = found.value(knot.entries)
     return Solution(
-        q=np.array([found.value(q) for q in postures]),
-        task_stiffness=task_stiffness,
+        q=np.array([found.value(knot.q) for knot in knots]),
+        task_stiffness=np.outer(SCALE, SCALE) * (L @ L.swapaxes(-1, -2) + FLOOR * np.eye(6)),
         cost=float(found.value(cost)),
         iterations=int(statistics["iter_count"]),
         seconds=float(statistics["t_proc_total"]),
-        evaluating=float(evaluating),
+        evaluating=float(sum(value for name, value in statistics.items() if name.startswith("t_proc_nlp_"))),
     )
+
+
+def _starting_roots(robot: Any, task: Task) -> Array:
+    """Return the entries of C from which the search starts (N, 28), at the recorded postures with a stiff spring."""
+    knots = len(task.recorded)
+    stiff = np.broadcast_to(3 * PAPER_STIFFNESS, (knots, 6, 6))
+    C = np.linalg.cholesky(joint_stiffness(robot, task, task.recorded, stiff) + 30.0 * np.eye(7))
+    rows, columns = np.tril_indices(7)
+    return np.asarray((C / SIZE[:, None])[:, rows, columns])

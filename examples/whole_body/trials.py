@@ -45,25 +45,38 @@ def legs_law(stance: Stance) -> Callable[[Array, Array, Array], Array]:
 
 def ring(stance: Stance, duration: float, progress: Progress = lambda: None) -> Array:
     """Return the free motion after kicks along each direction of the base: (samples, 18, kicks) in Kq's coordinates."""
-    law, M = legs_law(stance), np.diag(stance.mass_matrix())
-    turn, origin = stance.base_pose[:3, :3], stance.base_pose[:3, 3]
     responses = []
     for direction in range(DIRECTIONS):
-        plant = simulated(stance)
-        impulse = np.zeros(18)
-        impulse[direction] = KICK * M[direction]
-        impulse[6 + 2 * direction : 8 + 2 * direction] = KICK * M[6 + 2 * direction : 8 + 2 * direction]  # feet, too
-        plant.kick(impulse)
-        recorded = []
-        for step in range(round(duration / TIMESTEP)):
-            if step % round(SAMPLE_TIME / TIMESTEP) == 0:
-                pose = plant.base_pose
-                turned = Rotation.from_matrix(turn.T @ pose[:3, :3]).as_rotvec()
-                recorded.append(np.concatenate([turn.T @ (pose[:3, 3] - origin), turned, plant.q - stance.q]))
-            plant.step(law)
-        responses.append(recorded)
+        responses.append(_free_motion(stance, _kick(stance, direction), duration))
         progress()
     return np.asarray(responses).transpose(1, 2, 0)
+
+
+def _kick(stance: Stance, direction: int) -> Array:
+    """Return an impulse (18) that gives KICK to one direction of the base, and to two joints, so that feet swing."""
+    M = np.diag(stance.mass_matrix())
+    joints = slice(6 + 2 * direction, 8 + 2 * direction)
+    impulse = np.zeros(18)
+    impulse[direction] = KICK * M[direction]
+    impulse[joints] = KICK * M[joints]
+    return impulse
+
+
+def _free_motion(stance: Stance, impulse: Array, duration: float) -> list[Array]:
+    """Return the samples (18) of the motion after an impulse: base [m, rad] and joints, less those of the stance."""
+    law = legs_law(stance)
+    turn, origin = stance.base_pose[:3, :3], stance.base_pose[:3, 3]
+    plant = simulated(stance)
+    plant.kick(impulse)
+    recorded = []
+    for step in range(round(duration / TIMESTEP)):
+        if step % round(SAMPLE_TIME / TIMESTEP) == 0:
+            pose = plant.base_pose
+            moved = turn.T @ (pose[:3, 3] - origin)
+            turned = Rotation.from_matrix(turn.T @ pose[:3, :3]).as_rotvec()
+            recorded.append(np.concatenate([moved, turned, plant.q - stance.q]))
+        plant.step(law)
+    return recorded
 
 
 def identified(stance: Stance, duration: float, progress: Progress = lambda: None) -> list[identify.Found]:
@@ -116,35 +129,17 @@ class Trace:
 
 def at_wall(robot: ModuleType, *, supplies: bool, progress: Progress = lambda: None) -> Trace:
     """Stand on three feet, press on the wall with the fourth; ``supplies`` as :class:`WholeBodyLaw` takes it."""
-    base = np.eye(4)
-    base[2, 3] = -feet(robot, np.eye(4), POSTURE)[:, 2, 3].mean()
-    places = level(feet(robot, base, POSTURE))  # (4, 4, 4): poses of the feet on the ground
-    base[:3, 3] += LEAN
-    reached = places.copy()
+    base, places = _leaning_base(robot)
+    reached = places.copy()  # (4, 4, 4): poses of the feet, the fourth one at the wall
     reached[FEET.index(PRESSING), :3, 3] = WALL.at - 0.01, 0.14, 0.07  # [m] 1 cm before the wall
     q = _with_feet_at(robot, base, reached)
-    none, zero = np.zeros((len(FEET), 3, 3)), np.zeros((3, 3))
-    in_base = reached.copy()
-    in_base[:, :3, 3] -= base[:3, 3]
-    start = reached[FEET.index(PRESSING), 0, 3]
-    law = WholeBodyLaw(
-        robot,
-        of_base=Springs(in_base, np.stack([zero if foot == PRESSING else LEG for foot in FEET]), none),
-        of_ground=Springs(reached, np.stack([REACH if foot == PRESSING else zero for foot in FEET]), none),
-        standing=STANDING,
-        damping=DAMPING,
-        supplies=supplies,
-    )
+    law = _wall_law(robot, base, reached, supplies=supplies)
     plant = Plant(base, q, {foot: (places[FEET.index(foot), :3, 3], GROUND) for foot in STANDING}, wall=WALL)
     rows = []
     for step in range(round(END / TIMESTEP)):
         time = step * TIMESTEP
         if step % CONTROL_STEPS == 0:
-            # The foot's equilibrium moves into the wall, up to DEPTH behind its surface.
-            share = np.clip((time - APPROACH[0]) / (APPROACH[1] - APPROACH[0]), 0, 1)
-            targets = reached.copy()
-            targets[FEET.index(PRESSING), 0, 3] = start + share * (WALL.at + DEPTH - start)
-            law = replace(law, of_ground=replace(law.of_ground, equilibria=targets))
+            law = replace(law, of_ground=replace(law.of_ground, equilibria=_pressed(reached, time)))
             command = law.command(plant.base_pose, plant.q, plant.rates[6:])
             progress()
         # The plant's step is shorter than the controller's, whose torque is held in between.
@@ -155,7 +150,41 @@ def at_wall(robot: ModuleType, *, supplies: bool, progress: Progress = lambda: N
             supplied = on_base(robot, pose, joints, plant.ground)
             foot = feet(robot, pose, joints)[FEET.index(PRESSING), :3, 3]
             rows.append((time, command.on_base, supplied, pose[:3, 3], foot, plant.wall, plant.ground))
-    return Trace(*map(np.array, zip(*rows, strict=True)))
+    return Trace(*map(np.array, zip(*rows, strict=True)))  # columns in the order of the fields
+
+
+def _leaning_base(robot: ModuleType) -> tuple[Array, Array]:
+    """Return the base's pose, at the height where the feet stand and leaning by LEAN, and the feet's (4, 4, 4)."""
+    base = np.eye(4)
+    base[2, 3] = -feet(robot, np.eye(4), POSTURE)[:, 2, 3].mean()
+    places = level(feet(robot, base, POSTURE))
+    base[:3, 3] += LEAN
+    return base, places
+
+
+def _wall_law(robot: ModuleType, base: Array, reached: Array, *, supplies: bool) -> WholeBodyLaw:
+    """Return the law: springs from the base to the feet that stand, from the ground to the one that presses."""
+    zero = np.zeros((3, 3))
+    no_rotation = np.zeros((len(FEET), 3, 3))
+    in_base = reached.copy()
+    in_base[:, :3, 3] -= base[:3, 3]
+    return WholeBodyLaw(
+        robot,
+        of_base=Springs(in_base, np.stack([zero if foot == PRESSING else LEG for foot in FEET]), no_rotation),
+        of_ground=Springs(reached, np.stack([REACH if foot == PRESSING else zero for foot in FEET]), no_rotation),
+        standing=STANDING,
+        damping=DAMPING,
+        supplies=supplies,
+    )
+
+
+def _pressed(reached: Array, time: float) -> Array:
+    """Return the feet's equilibria: that of the fourth moves into the wall, up to DEPTH behind its surface."""
+    start = reached[FEET.index(PRESSING), 0, 3]
+    share = np.clip((time - APPROACH[0]) / (APPROACH[1] - APPROACH[0]), 0, 1)
+    targets = reached.copy()
+    targets[FEET.index(PRESSING), 0, 3] = start + share * (WALL.at + DEPTH - start)
+    return targets
 
 
 CONTROL_CYCLES = round(END / TIMESTEP) // CONTROL_STEPS
