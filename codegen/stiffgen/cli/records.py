@@ -141,17 +141,23 @@ def _part_of(record: type[Any]) -> Callable[[str], tuple[str, Any]]:
         default = defaults[name]
         if default in (None, MISSING) or isinstance(default, str):
             return name, value
-        count = len(default) if isinstance(default, tuple) else 1
-        try:
-            numbers = tuple(map(float, value.split(",")))
-        except ValueError:
-            numbers = ()
-        if len(numbers) != count:
-            wanted = "a number" if count == 1 else f"{count} numbers with commas"
-            raise argparse.ArgumentTypeError(f"'{text}': {name} is {wanted}{_remedy(value) if count == 1 else ''}")
-        return name, numbers if isinstance(default, tuple) else numbers[0]
+        if isinstance(default, tuple):
+            return name, _numbers(text, name, value, len(default))
+        return name, _numbers(text, name, value, 1)[0]
 
     return part
+
+
+def _numbers(text: str, name: str, value: str, count: int) -> tuple[float, ...]:
+    """Return the numbers of a value; argparse.ArgumentTypeError for another number of them."""
+    try:
+        numbers = tuple(map(float, value.split(",")))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count:
+        wanted = "a number" if count == 1 else f"{count} numbers with commas"
+        raise argparse.ArgumentTypeError(f"'{text}': {name} is {wanted}{_remedy(value) if count == 1 else ''}")
+    return numbers
 
 
 def _lock(text: str) -> tuple[str, float]:

@@ -58,12 +58,12 @@ def _alarms(table: Path, by_contract: Sequence[str]) -> dict[str, list[Alarm]]:
     alarms: dict[str, list[Alarm]] = {}
     with table.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file, delimiter="\t"):
-            kind = row["property kind"]
-            assumed = kind == "postcondition" and row["function"] in by_contract
-            if row["status"] not in _PROVED and kind not in ("assigns clause", "from clause") and not assumed:
-                text = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
-                alarm = Alarm(text, row["status"].startswith(_REFUTED))
-                alarms.setdefault(row["function"], []).append(alarm)
+            kind, status = row["property kind"], row["status"]
+            is_assumed = kind == "postcondition" and row["function"] in by_contract
+            if status in _PROVED or is_assumed or kind in ("assigns clause", "from clause"):
+                continue
+            text = f"{row['file']}:{row['line']}: {kind}: {row['property']}"
+            alarms.setdefault(row["function"], []).append(Alarm(text, status.startswith(_REFUTED)))
     return alarms
 
 
@@ -100,16 +100,16 @@ def analyse(
     # Without __GNUC__ Frama-C reads its own headers and the folder's plain C: no vectors, no pragmas.
     flags = " ".join(["-DSTIFFGEN_NO_VECTORS", "-U__GNUC__", *(f"-I{each}" for each in includes)])
     command = [provers.frama_c, "-eva", str(folder / source), "-main", entry, "-machdep", "gcc_x86_64"]
-    command += [
-        f"-cpp-extra-args={flags}",
-        *("-warn-special-float", "none"),  # NaN and infinity are ordinary values
-        *("-eva-auto-loop-unroll", str(_UNROLLED), "-eva-min-loop-unroll", str(rounds)),
-        *("-eva-show-progress", "-eva-split-return", "auto"),
-        *(["-eva-slevel-function", ",".join(f"{each}:200" for each in apart)] if apart else []),
-        *(["-eva-use-spec", ",".join(by_contract)] if by_contract else []),
-        *(["-eva-split-return-function", ",".join(f"{each}:0" for each in by_code)] if by_code else []),
-        *("-eva-msg-key=-initial-state,-final-states", "-then", "-report-csv", str(table)),
-    ]
+    command += [f"-cpp-extra-args={flags}", "-warn-special-float", "none"]  # NaN and infinity are ordinary values
+    command += ["-eva-auto-loop-unroll", str(_UNROLLED), "-eva-min-loop-unroll", str(rounds)]
+    command += ["-eva-show-progress", "-eva-split-return", "auto"]
+    for option, functions in (
+        ("-eva-slevel-function", [f"{each}:200" for each in apart]),
+        ("-eva-use-spec", by_contract),
+        ("-eva-split-return-function", [f"{each}:0" for each in by_code]),
+    ):
+        command += [option, ",".join(functions)] if functions else []
+    command += ["-eva-msg-key=-initial-state,-final-states", "-then", "-report-csv", str(table)]
     result = run(command, folder, timeout)
     if result.timed_out:
         return Findings(result.seconds, trouble=f"none within {timeout:.0f} s")
@@ -119,9 +119,9 @@ def analyse(
     # The report may break a line between the place and its message.
     text = re.sub(r"\n {2,}", " ", result.text)
     return Findings(
-        result.seconds,
-        _alarms(table, by_contract),
-        frozenset(re.findall(r"computing for function (\w+)", text)),
-        tuple(re.findall(r"\[eva\] (?:\S*/)?(\S+?): +starting to merge loop iterations", text)),
-        frozenset(re.findall(r"Frama_C_show_each_returned_(\w+):", text)),
+        seconds=result.seconds,
+        alarms=_alarms(table, by_contract),
+        reached=frozenset(re.findall(r"computing for function (\w+)", text)),
+        loops=tuple(re.findall(r"\[eva\] (?:\S*/)?(\S+?): +starting to merge loop iterations", text)),
+        returned=frozenset(re.findall(r"Frama_C_show_each_returned_(\w+):", text)),
     )

@@ -29,6 +29,8 @@ _SOLVER = {False: "z3", True: "boolector"}
 """Solver for batches or not. Z3 is faster on single calls (4 s against 13), but gave no result on symmetric batches."""
 _AT_ONCE = 2
 """Proofs that run in parallel, each in up to 8 GiB."""
+_SHOWN = 3
+"""Findings that a verdict shows."""
 _LIMITS = 4.0
 """Time of an analysis of the controller in time limits of one function: it covers many functions."""
 _FRAME = ", configuration and sample not written"
@@ -199,12 +201,13 @@ def _bits(run: _ProofRun, chosen: Sequence[Kernel], entries: Sequence[str], pool
 
 
 def _judge(found: Sequence[frama_c.Alarm], trouble: Sequence[str]) -> tuple[Outcome, str]:
-    """Return the verdict of an analysis by its alarms and what kept it from an answer."""
+    """Return the verdict of an analysis by its alarms and what kept it from an answer; the sure alarms come first."""
     if not found:
-        return ("no answer" if trouble else "proved"), "; ".join(trouble[:3])
+        return ("no answer" if trouble else "proved"), "; ".join(trouble[:_SHOWN])
     texts = [alarm.text for alarm in sorted(found, key=lambda alarm: not alarm.is_sure)]
-    more = f" and {len(texts) - 3} more" if len(texts) > 3 else ""
-    return ("refuted" if any(alarm.is_sure for alarm in found) else "alarm"), "; ".join(texts[:3]) + more
+    more = f" and {len(texts) - _SHOWN} more" if len(texts) > _SHOWN else ""
+    outcome: Outcome = "refuted" if any(alarm.is_sure for alarm in found) else "alarm"
+    return outcome, "; ".join(texts[:_SHOWN]) + more
 
 
 def _controller(run: _ProofRun, parts: Sequence[str]) -> list[Verdict]:
@@ -287,16 +290,18 @@ def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findi
         if each.trouble
     ]
     trouble = [each.trouble for each in runs.values() if each.trouble]
-    alarms: dict[str, list[frama_c.Alarm]] = {}
+    alarms: dict[str, list[frama_c.Alarm]] = {}  # of all runs
     for each in runs.values():
         for function, found in each.alarms.items():
             alarms.setdefault(function, []).extend(found)
-    reached = _functions(robot.folder / source, {function for each in runs.values() for function in each.reached})
-    functions = [*reached, *(each for each in alarms if each not in reached)]
+    reached = {function for each in runs.values() for function in each.reached}
+    functions = _functions(robot.folder / source, reached)
+    functions += [function for function in alarms if function not in functions]
     seconds = sum(each.seconds for each in runs.values()) / max(len(functions), 1)
     for function in functions:
         outcome, detail = _judge(alarms.get(function, []), trouble)
-        claims = _MEMORY + (_FRAME if function.startswith(f"{robot.name}_") else "")
+        is_public = function.startswith(f"{robot.name}_")
+        claims = _MEMORY + (_FRAME if is_public else "")
         verdicts.append(Verdict(function, claims, "Frama-C", outcome, seconds, detail))
     return verdicts
 
@@ -304,5 +309,9 @@ def _controller_verdicts(robot: GeneratedRobot, runs: Mapping[str, frama_c.Findi
 def _functions(source: Path, analysed: set[str]) -> list[str]:
     """Return the analysed functions that a source defines, in its order."""
     text = source.read_text(encoding="utf-8")
-    places = {name: re.search(rf"^(?:static )?[a-z][\w *]*\b{name}\(", text, re.MULTILINE) for name in analysed}
-    return sorted((name for name, place in places.items() if place), key=lambda name: places[name].start())  # type: ignore[union-attr]
+    places = {}
+    for name in analysed:
+        definition = re.search(rf"^(?:static )?[a-z][\w *]*\b{name}\(", text, re.MULTILINE)
+        if definition:
+            places[name] = definition.start()
+    return sorted(places, key=places.__getitem__)

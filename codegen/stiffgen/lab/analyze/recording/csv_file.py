@@ -104,21 +104,9 @@ class CsvPartition:
         for index, line in enumerate(piece.decode("utf-8", errors="replace").split("\n")):
             if not line.strip(_SPACE):
                 continue
-            cells = _cells(line.rstrip("\r"), self.delimiter)
-            numbers = [np.nan] * len(self.wanted)
-            absent = [False] * len(self.wanted)
-            if len(cells) != self.width:
-                text = f"{len(cells)} columns, where the header has {self.width}"
-                problems[len(rows)] = RowProblem("wrong number of columns", text)
-            else:
-                for k, column in enumerate(self.wanted):
-                    absent[k] = not cells[column]
-                    number = _number(cells[column])
-                    if number is None:
-                        text = f"{self.names[k]} is '{printable(cells[column], 20)}'"
-                        problems.setdefault(len(rows), RowProblem("text", text))
-                    else:
-                        numbers[k] = number
+            numbers, absent, problem = self._read_line(line)
+            if problem is not None:
+                problems[len(rows)] = problem
             rows.append(row + index)
             values.append(numbers)
             missing.append(absent)
@@ -129,6 +117,24 @@ class CsvPartition:
             problems,
             work=len(piece),
         )
+
+    def _read_line(self, line: str) -> tuple[list[float], list[bool], RowProblem | None]:
+        """Return the numbers of a line (NaN where there is none), which of them are absent, and the first problem."""
+        numbers = [np.nan] * len(self.wanted)
+        absent = [False] * len(self.wanted)
+        cells = _cells(line.rstrip("\r"), self.delimiter)
+        if len(cells) != self.width:
+            text = f"{len(cells)} columns, where the header has {self.width}"
+            return numbers, absent, RowProblem("wrong number of columns", text)
+        problem = None
+        for k, column in enumerate(self.wanted):
+            absent[k] = not cells[column]
+            number = _number(cells[column])
+            if number is not None:
+                numbers[k] = number
+            elif problem is None:
+                problem = RowProblem("text", f"{self.names[k]} is '{printable(cells[column], 20)}'")
+        return numbers, absent, problem
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
