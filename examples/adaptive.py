@@ -124,10 +124,7 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
             q=q, dq=dq, q0=Q0, counter=k, translation_stiffness=np.diag(stiffness), rotation_stiffness=ROTATION,
             posture_stiffness=POSTURE_STIFFNESS,
         )  # fmt: skip
-        # M ddq = torque + load - bias forces, without gravity; semi-implicit Euler.
-        force = out.torque + robot.hybrid.jacobian(q).T @ wrench - robot.bias_forces(q, dq, np.zeros(3))
-        dq = dq + T * np.linalg.solve(robot.mass_matrix(q) + MOTOR * np.eye(7), force)
-        q = q + T * dq
+        q, dq = _moved(robot, q, dq, out.torque, wrench)
     inputs, outputs = controller.trace
     tip = robot.forward_kinematics(inputs.q)[:, :3, 3]
     work = np.sum(outputs.torque[:-1] * np.diff(inputs.q, axis=0), axis=1)  # [J] per sample, put into the arm
@@ -142,6 +139,16 @@ def simulate(robot: Any, learner: Learner, tank: float, duration: float = DURATI
         bound=float(outputs.energy_supplied[-1]),
         fault=int(np.max(outputs.fault)),
     )
+
+
+def _moved(robot: Any, q: Array, dq: Array, torque: Array, wrench: Array) -> tuple[Array, Array]:
+    """Return joint positions and velocities a sample later, by semi-implicit Euler.
+
+    M ddq = torque + J^T wrench - bias forces, without gravity; the motors' inertia is part of M.
+    """
+    force = torque + robot.hybrid.jacobian(q).T @ wrench - robot.bias_forces(q, dq, np.zeros(3))
+    dq = dq + T * np.linalg.solve(robot.mass_matrix(q) + MOTOR * np.eye(7), force)
+    return q + T * dq, dq
 
 
 def figure(runs: dict[str, Run]) -> str:

@@ -24,6 +24,7 @@ import argparse
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,13 +87,15 @@ def following(robot: ModuleType, q: Array, plane: tuple[int, int], radius: float
 def rest(robot: ModuleType, q: Array) -> Array:
     """Return the equilibrium (4, 4) from which the spring, deflected to q, has the wrench WRENCH.
 
-    The trace spring with Ko = k I has the moment k sin(angle) axis.
+    The trace spring with Ko = k 1 has the moment k sin(angle) axis. The equilibrium is the pose turned back by that
+    angle about that axis (Rodrigues), and moved back by the force over the stiffness.
     """
     pose = np.array(robot.forward_kinematics(q))
-    sine = WRENCH[3:] / TASK_STIFFNESS[3, 3]
-    x, y, z = sine / np.linalg.norm(sine)
-    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    back = np.eye(3) - np.linalg.norm(sine) * W + (1 - np.sqrt(1 - sine @ sine)) * W @ W
+    turned = WRENCH[3:] / TASK_STIFFNESS[3, 3]  # sin(angle) axis
+    sine, cosine = np.linalg.norm(turned), np.sqrt(1 - turned @ turned)
+    x, y, z = turned / sine
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # cross-product matrix of the axis
+    back = np.eye(3) - sine * W + (1 - cosine) * W @ W
     pose[:3, 3] -= WRENCH[:3] / np.diag(TASK_STIFFNESS)[:3]
     pose[:3, :3] = back @ pose[:3, :3]
     return pose
@@ -135,34 +138,56 @@ def figure(robot: ModuleType, q: Array) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from examples.style import CONVENTIONAL, CORRECTED, INK, POTENTIAL, STYLE, themed_svg
+    from examples.style import STYLE, themed_svg
 
-    plane, colours = PLANES[0], dict(zip(LAWS, (CORRECTED, CONVENTIONAL, POTENTIAL), strict=True))
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(7.5, 3.8), layout="constrained")
         left, right = drawing.subplots(1, 2)
-        turns = np.arange(3 * STEPS + 1) / STEPS
-        for law, line, width in zip(LAWS, ("-", "--", (0, (1, 3))), (1.2, 1.2, 2.5), strict=True):
-            once = held(robot, q, plane, RADIUS, law) if law in FORMULAS else following(robot, q, plane, RADIUS, law)
-            thrice = np.concatenate([once[:-1] + k * once[-1] for k in range(3)] + [[3 * once[-1]]])
-            left.plot(turns[::50], thrice[::50], linestyle=line, linewidth=width, color=colours[law])
-        for k in range(1, 4):
-            left.plot(k, k * area_integral(robot, q, plane, RADIUS, "conventional"), "o", color=INK, markersize=4)
-        left.axhline(0, color=INK, linewidth=0.6)
-        left.set(xlabel="laps", ylabel="work put out [J]", title=f"stiffness held, radius {RADIUS} rad")
-        radii = np.geomspace(0.005, RADIUS, 10)
-        for law in LAWS:
-            # The exact law's work is rounding, of which 1e-18 J is still on the logarithmic axis.
-            values = [max(abs(following(robot, q, plane, radius, law)[-1]), 1e-18) for radius in radii]
-            right.loglog(radii, values, "o-", color=colours[law], markersize=3, label=law)
-        areas = [abs(area_integral(robot, q, plane, radius, "conventional")) for radius in radii]
-        right.loglog(radii, areas, ":", color=INK, label="area integral (left: dots)")
-        right.set(xlabel="radius [rad]", ylabel="|net work of a lap| [J]", title="torque of each posture")
-        right.set_xticks([0.005, 0.01, 0.02, 0.05, 0.1], labels=["0.005", "0.01", "0.02", "0.05", "0.1"])
-        right.minorticks_off()
-        right.set_ylim(1e-18, 1)
+        _draw_laps(left, robot, q)
+        _draw_radii(right, robot, q)
         drawing.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
         return themed_svg(drawing)
+
+
+def _colours() -> dict[str, str]:
+    """Return the colour of each law."""
+    from examples.style import CONVENTIONAL, CORRECTED, POTENTIAL
+
+    return dict(zip(LAWS, (CORRECTED, CONVENTIONAL, POTENTIAL), strict=True))
+
+
+def _draw_laps(axes: Any, robot: ModuleType, q: Array) -> None:
+    """Draw the work [J] over three laps with the stiffness held, and the area integral at the end of each lap."""
+    from examples.style import INK
+
+    plane, colours = PLANES[0], _colours()
+    turns = np.arange(3 * STEPS + 1) / STEPS
+    for law, line, width in zip(LAWS, ("-", "--", (0, (1, 3))), (1.2, 1.2, 2.5), strict=True):
+        lap = held(robot, q, plane, RADIUS, law) if law in FORMULAS else following(robot, q, plane, RADIUS, law)
+        laps = np.concatenate([lap[:-1] + k * lap[-1] for k in range(3)] + [[3 * lap[-1]]])  # each adds the same work
+        axes.plot(turns[::50], laps[::50], linestyle=line, linewidth=width, color=colours[law])
+    for k in range(1, 4):
+        axes.plot(k, k * area_integral(robot, q, plane, RADIUS, "conventional"), "o", color=INK, markersize=4)
+    axes.axhline(0, color=INK, linewidth=0.6)
+    axes.set(xlabel="laps", ylabel="work put out [J]", title=f"stiffness held, radius {RADIUS} rad")
+
+
+def _draw_radii(axes: Any, robot: ModuleType, q: Array) -> None:
+    """Draw the net work [J] of a lap over its radius [rad], with the torque of each posture, and the area integral."""
+    from examples.style import INK
+
+    plane, colours = PLANES[0], _colours()
+    radii = np.geomspace(0.005, RADIUS, 10)
+    for law in LAWS:
+        # The exact law's work is rounding, of which 1e-18 J is still on the logarithmic axis.
+        values = [max(abs(following(robot, q, plane, radius, law)[-1]), 1e-18) for radius in radii]
+        axes.loglog(radii, values, "o-", color=colours[law], markersize=3, label=law)
+    areas = [abs(area_integral(robot, q, plane, radius, "conventional")) for radius in radii]
+    axes.loglog(radii, areas, ":", color=INK, label="area integral (left: dots)")
+    axes.set(xlabel="radius [rad]", ylabel="|net work of a lap| [J]", title="torque of each posture")
+    axes.set_xticks([0.005, 0.01, 0.02, 0.05, 0.1], labels=["0.005", "0.01", "0.02", "0.05", "0.1"])
+    axes.minorticks_off()
+    axes.set_ylim(1e-18, 1)
 
 
 def main() -> None:

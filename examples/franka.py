@@ -99,10 +99,7 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
         counter += max(periods, 1)
         elapsed = counter * SAMPLE_TIME
         begin = time.perf_counter()
-        q = np.array(state.q)
-        phase = 2 * math.pi * elapsed / LAP
-        wanted = rest.copy()
-        wanted[:3, 3] += RADIUS * np.array([0.0, math.sin(phase), 1.0 - math.cos(phase)])
+        q, wanted = np.array(state.q), _on_circle(rest, elapsed)
         for _ in range(max(periods, 1)):  # its speed is per sample time, also of those that were missed
             q0 = follow.step(pose=wanted).q0
         output = controller.step(
@@ -116,12 +113,20 @@ def wipe(robot: Any, module: Any, seconds: float) -> dict[str, float]:
             print(f"after {elapsed:.1f} s: {module.Fault(output.fault).name}, {module.Reason(output.reason).name}")
         counted["faults"] += output.fault != 0
         counted["step"] = max(counted["step"], time.perf_counter() - begin)
-        if elapsed > 2.0:
+        if elapsed > 2.0:  # [s] from the start on which the arm follows
             counted["error"] = max(counted["error"], float(np.linalg.norm(pose[:3, 3] - wanted[:3, 3])))
     end = franka.Torques([0.0] * 7)
     end.motion_finished = True
     control.writeOnce(end)
     return counted
+
+
+def _on_circle(rest: Any, elapsed: float) -> Any:
+    """Return the pose on the circle in the y-z plane that begins at ``rest``, after a time [s]."""
+    phase = 2 * math.pi * elapsed / LAP
+    wanted = rest.copy()
+    wanted[:3, 3] += RADIUS * np.array([0.0, math.sin(phase), 1.0 - math.cos(phase)])
+    return wanted
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -18,6 +18,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,16 +97,21 @@ def solved(posture: Posture) -> float:
 
 def rows(robot: ModuleType) -> list[tuple[str, ...]]:
     """Return the table: motors, softest direction with and without the load's terms and solved, eigenvalue of H."""
-    made = []
+    made: list[tuple[str, ...]] = []
     for share in SHARES:
         posture = Posture(robot, BENT, np.diag(share * MOTORS), FORCE)
-        without = f"{1e3 * softest(posture.compliance(loaded=False))[0]:.4g}"
-        stable = posture.stability() > 0
-        values = (softest(posture.compliance())[0], solved(posture)) if stable else ()
-        found = tuple(f"{1e3 * value:.4g}" for value in values) or ("unstable", "none")
+        without, _ = softest(posture.compliance(loaded=False))
+        with_load, by_equilibria = "unstable", "none"
+        if posture.stability() > 0:
+            with_load, by_equilibria = _millimetres(softest(posture.compliance())[0]), _millimetres(solved(posture))
         motors = f"{share * MOTORS.min():g} to {share * MOTORS.max():g}"
-        made.append((motors, without, *found, f"{posture.stability():.1f}"))
+        made.append((motors, _millimetres(without), with_load, by_equilibria, f"{posture.stability():.1f}"))
     return made
+
+
+def _millimetres(compliance: float) -> str:
+    """Return a compliance [m/N] in mm/N."""
+    return f"{1e3 * compliance:.4g}"
 
 
 def pressed(robot: ModuleType, forces: Array) -> list[Posture]:
@@ -133,36 +139,50 @@ def figure(robot: ModuleType) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    from examples.style import CONVENTIONAL, CORRECTED, INK, STYLE, themed_svg
+    from examples.style import STYLE, themed_svg
 
     with mpl.rc_context(STYLE):
         drawing = Figure(figsize=(7.5, 3.6), layout="constrained")
         left, right = drawing.subplots(1, 2)
-        forces = np.linspace(0, 60, 61)
-        postures = pressed(robot, forces)
-        heights = np.array([robot.forward_kinematics(each.q)[2, 3] for each in postures])
-        lost, unloaded = heights[0] - heights, postures[0].compliance()[2, 2]
-        left.plot(forces, 1e3 * lost, color=INK, label="solved")
-        left.plot(forces, 1e3 * unloaded * forces, "--", color=CONVENTIONAL, label="C without the load's terms")
-        for at in range(10, len(forces), 15):  # tangents of 12 N at each 15th load
-            push, slope = forces[at] + np.array([-6.0, 6.0]), postures[at].compliance()[2, 2]
-            label = "slope: C with the load's terms" if at == 10 else None
-            left.plot(push, 1e3 * (lost[at] + slope * (push - forces[at])), color=CORRECTED, linewidth=2.5, label=label)
-        left.set(xlabel="force downwards [N]", ylabel="height lost [mm]", title="leaning arm, 100 N m/rad a joint")
-        left.legend(loc="upper left")
-        for stiffness, line in ((100.0, "-"), (200.0, "--"), (300.0, ":")):
-            end = buckling_force(robot, stiffness)
-            push = np.linspace(0, 1.15 * end, 60)  # up to 15 % beyond the buckling force
-            values = [upright(robot, force, stiffness).stability() for force in push]
-            right.plot(push, values, line, color=CORRECTED, label=f"{stiffness:.0f} N m/rad")
-            right.plot(end, 0, "o", color=CONVENTIONAL, markersize=5)
-        right.axhline(0, color=INK, linewidth=0.6)
-        right.set(
-            xlabel="force along the arm [N]", ylabel="smallest eigenvalue of H [N m/rad]",
-            title="straight arm: it buckles at the dots",
-        )  # fmt: skip
-        right.legend(loc="upper right")
+        _draw_leaning(left, robot)
+        _draw_straight(right, robot)
         return themed_svg(drawing)
+
+
+def _draw_leaning(axes: Any, robot: ModuleType) -> None:
+    """Draw the height that the leaning arm loses under a force downwards: solved, and predicted by both compliances."""
+    from examples.style import CONVENTIONAL, CORRECTED, INK
+
+    forces = np.linspace(0, 60, 61)  # [N]
+    postures = pressed(robot, forces)
+    heights = np.array([robot.forward_kinematics(each.q)[2, 3] for each in postures])
+    lost, unloaded = heights[0] - heights, postures[0].compliance()[2, 2]  # [m], [m/N]
+    axes.plot(forces, 1e3 * lost, color=INK, label="solved")
+    axes.plot(forces, 1e3 * unloaded * forces, "--", color=CONVENTIONAL, label="C without the load's terms")
+    for at in range(10, len(forces), 15):  # tangents of 12 N at each 15th load
+        push, slope = forces[at] + np.array([-6.0, 6.0]), postures[at].compliance()[2, 2]
+        label = "slope: C with the load's terms" if at == 10 else None
+        axes.plot(push, 1e3 * (lost[at] + slope * (push - forces[at])), color=CORRECTED, linewidth=2.5, label=label)
+    axes.set(xlabel="force downwards [N]", ylabel="height lost [mm]", title="leaning arm, 100 N m/rad a joint")
+    axes.legend(loc="upper left")
+
+
+def _draw_straight(axes: Any, robot: ModuleType) -> None:
+    """Draw the stability of the straight arm over the force along it, for three stiffnesses, and where it buckles."""
+    from examples.style import CONVENTIONAL, CORRECTED, INK
+
+    for stiffness, line in ((100.0, "-"), (200.0, "--"), (300.0, ":")):
+        end = buckling_force(robot, stiffness)
+        push = np.linspace(0, 1.15 * end, 60)  # up to 15 % beyond the buckling force
+        values = [upright(robot, force, stiffness).stability() for force in push]
+        axes.plot(push, values, line, color=CORRECTED, label=f"{stiffness:.0f} N m/rad")
+        axes.plot(end, 0, "o", color=CONVENTIONAL, markersize=5)
+    axes.axhline(0, color=INK, linewidth=0.6)
+    axes.set(
+        xlabel="force along the arm [N]", ylabel="smallest eigenvalue of H [N m/rad]",
+        title="straight arm: it buckles at the dots",
+    )  # fmt: skip
+    axes.legend(loc="upper right")
 
 
 def main() -> None:

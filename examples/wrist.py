@@ -68,33 +68,37 @@ CASES = (
 LAW, GRADIENT = "law", "gradient"
 
 
+def _built(case: Case) -> mujoco.MjModel:
+    """Return the model of a case: the hand, with or without rod and hose."""
+    spec = mujoco.MjSpec.from_file(str(MODEL))
+    if not case.rod:
+        spec.delete(spec.body("rod"))
+    if not case.hose:
+        spec.tendon("hose").stiffness[:] = 0.0
+    return spec.compile()
+
+
 class Wrist:
     """A case in MuJoCo under its law, or under the gradient with the law's stiffness and damping at the target."""
 
     def __init__(self, case: Case, law: str, ratio: float) -> None:
         """Build the wrist of a case, and the torque of the law or of the gradient with the same stiffness at rest."""
-        spec = mujoco.MjSpec.from_file(str(MODEL))
-        if not case.rod:
-            spec.delete(spec.body("rod"))
-        if not case.hose:
-            spec.tendon("hose").stiffness[:] = 0.0
-        self.model = spec.compile()
+        self.model = _built(case)
         self.data = mujoco.MjData(self.model)
         self.target = np.array([np.cos(case.tilt / 2), 0.0, np.sin(case.tilt / 2), 0.0])
         self.data.qpos[:] = self.target
-        body = self.model.body("hand")
-        inertia, gains = np.diag(body.inertia), np.array(case.gains)
-        stiffness = np.diag(gains)
+        principal, gains = self.model.body("hand").inertia, np.array(case.gains)
         # Weighted laws multiply by the inertia afterwards, so that their gains are [1/s^2] and [1/s].
-        damping = 2 * ratio * np.diag(np.sqrt(gains if case.weighted else gains * body.inertia))
+        weight = np.diag(principal) if case.weighted else np.eye(3)
+        stiffness = np.diag(gains)
+        damping = 2 * ratio * np.diag(np.sqrt(gains if case.weighted else gains * principal))
         R0 = matrix(self.target)
-        before = inertia if case.weighted else np.eye(3)
-        at_rest = [before @ R0.T @ each @ R0 for each in (stiffness, damping)]
+        at_rest = [weight @ R0.T @ each @ R0 for each in (stiffness, damping)]
         K0, D0 = ((each + each.T) / 2 for each in at_rest)  # symmetric parts, in the body's axes at the target
 
         def of_law(R: Array, rate: Array) -> Array:
             e = rotation_vector(self.target, self.data.qpos)
-            return np.asarray(before @ R.T @ (stiffness @ (R @ e) - damping @ (R @ rate)))
+            return np.asarray(weight @ R.T @ (stiffness @ (R @ e) - damping @ (R @ rate)))
 
         def of_gradient(R: Array, rate: Array) -> Array:
             torque = drive.torque(self.data.qpos[XYZW], self.target[XYZW], K0, "log")

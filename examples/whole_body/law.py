@@ -63,18 +63,21 @@ class WholeBodyLaw:
     supplies: bool = True
 
     def command(self, base_pose: Array, q: Array, dq: Array) -> Command:
-        """Return the command at a base pose (4, 4), joint positions (12) and rates (12)."""
+        """Return the command at a base pose (4, 4), joint positions (12) and rates (12).
+
+        The springs and gravity ask for a generalised force (18): the base's part (6), which contact forces f must
+        supply, J_base^T f, and the joints' part (12), from which the standing legs take J_joints^T f.
+        """
         robot, where = self.robot, (base_pose, q)
         force = np.asarray(robot.spring.torque_total(*where, *self.of_ground.parameters))
         force = force + robot.gravity.gradient(*where, GRAVITY)
         force[6:] += robot.spring.torque_total(MOTIONLESS, q, *self.of_base.parameters)[6:]
-        jacobians = [getattr(robot, foot).hybrid.jacobian(*where)[:3] for foot in self.standing]
-        J = np.vstack(jacobians)
+        J = np.vstack([getattr(robot, foot).hybrid.jacobian(*where)[:3] for foot in self.standing])  # (3 feet, 18)
         f = np.linalg.lstsq(J[:, :6].T, force[:6], rcond=None)[0]  # the smallest forces that supply the wrench
         contact_forces = np.zeros((len(FEET), 3))
         contact_forces[[FEET.index(foot) for foot in self.standing]] = f.reshape(-1, 3)
         torque = force[6:] - self.damping * dq - (J[:, 6:].T @ f if self.supplies else 0)
-        return Command(torque, force[:6], contact_forces)
+        return Command(torque=torque, on_base=force[:6], contact_forces=contact_forces)
 
 
 def on_base(robot: ModuleType, base_pose: Array, q: Array, forces: Array) -> Array:

@@ -111,19 +111,19 @@ class Plant:
         mujoco.mj_step1(model, data)
         places = data.site_xpos[self._sites]
         self.ground = np.einsum("fij,fj->fi", self._springs, self._places - places)
-        forces = self.ground.copy()
+        on_feet = self.ground.copy()
         if self._wall is not None:
             foot = FEET.index(self._wall.foot)
-            depth = max(0.0, places[foot, 0] - self._wall.at)
+            depth = max(0.0, places[foot, 0] - self._wall.at)  # [m] behind the wall's surface
             self.wall = np.array([-self._wall.stiffness * depth, 0.0, 0.0])
-            forces[foot] += self.wall
-        torque = np.zeros(model.nv)
+            on_feet[foot] += self.wall
         on_base = self.load if push is None else self.load + push
-        bodies, points = [*self._bodies, self._base], [*places, data.xpos[self._base]]
-        for body, point, force in zip(bodies, points, [*forces, on_base], strict=True):
-            mujoco.mj_applyFT(model, data, force, np.zeros(3), point, body, torque)
-        torque[6:] += law(self.base_pose, self.q, np.array(data.qvel[6:]))
-        data.qfrc_applied[:] = torque
+        force = np.zeros(model.nv)  # generalised
+        for body, point, each in zip(self._bodies, places, on_feet, strict=True):
+            mujoco.mj_applyFT(model, data, each, np.zeros(3), point, body, force)
+        mujoco.mj_applyFT(model, data, on_base, np.zeros(3), data.xpos[self._base], self._base, force)
+        force[6:] += law(self.base_pose, self.q, np.array(data.qvel[6:]))
+        data.qfrc_applied[:] = force
         mujoco.mj_step2(model, data)
 
     def acceleration(self, law: Law) -> Array:
