@@ -77,12 +77,16 @@ def sizes_of(chain: Chain, pairs: int) -> dict[str, int]:
 
 
 def _extents(field: Field, sizes: dict[str, int]) -> tuple[list[int], str]:
-    """Return the extents of a member, and the order of its first axis in words where there are pairs."""
+    """Return the extents of a member, and the order of its first axis in words where there are pairs.
+
+    An axis over tips, springs or twists is left out where it has one entry.
+    """
     extents = [sizes[extent] if isinstance(extent, str) else extent for extent in field.shape]
-    place = str(field.shape[0]) if field.shape else ""
-    if place not in _OF_ONE_TIP:
+    axis = str(field.shape[0]) if field.shape else ""
+    if axis not in _OF_ONE_TIP:
         return extents, ""
-    order = _OF_ONE_TIP[place] if extents[0] > sizes["tips"] else ""
+    has_pairs = extents[0] > sizes["tips"]
+    order = _OF_ONE_TIP[axis] if has_pairs else ""
     return (extents[1:] if extents[0] == 1 else extents), order
 
 
@@ -128,15 +132,17 @@ def defaults(field: Field, prefix: str) -> list[str]:
 
     A field without a default has a value that its check refuses.
     """
+    if field.shape == ("n",):  # joint_defaults() sets these
+        return []
     if not field.default:
         unstated = "(double)NAN" if field.type == "double" else "-1"
-        places = [f"[{k}]" for k in range(int(field.shape[0]))] if field.shape and field.shape != ("n",) else [""]
-        return [] if field.shape == ("n",) else [f"config->{field.name}{place} = {unstated};" for place in places]
+        places = [f"[{k}]" for k in range(int(field.shape[0]))] if field.shape else [""]
+        return [f"config->{field.name}{place} = {unstated};" for place in places]
     if field.choices:
         return [f"config->{field.name} = {prefix}_{field.name.upper()}_{field.default.upper()};"]
     if not field.shape:
         return [f"config->{field.name} = {field.default};"]
-    entries = field.default.split(", ") if len(field.shape) == 1 and field.shape != ("n",) else []
+    entries = field.default.split(", ") if len(field.shape) == 1 else []  # the template sets poses
     return [f"config->{field.name}[{k}] = {entry};" for k, entry in enumerate(entries)]
 
 

@@ -20,6 +20,8 @@ _MAX_TEXT, _MAX_DEPTH, _MAX_STEPS = 10_000, 60, 1_000_000
 _MAX_BITS = 4096
 MAX_SIZE = 1_000_000
 """Largest size of a value, in characters and entries, those of its entries included."""
+_WIDE_FORMAT = re.compile(r"%(\([^)]*\))?[^a-zA-Z%(]*(\*|\d{4})")
+"""Format of a text with a width that is an argument, or has four digits."""
 
 _METHODS: Mapping[type, frozenset[str]] = {
     str: frozenset(
@@ -366,11 +368,12 @@ def _plain_items(value: Any) -> Iterator[Any]:
 
 def _is_large(kind: ast.operator, left: Any, right: Any) -> bool:
     """Return whether an operator would make a large value, or take long to make it."""
-    if isinstance(kind, ast.Mod):  # a format with a width that is given, or of four digits
-        return isinstance(left, str) and re.search(r"%(\([^)]*\))?[^a-zA-Z%(]*(\*|\d{4})", left) is not None
+    if isinstance(kind, ast.Mod):
+        return isinstance(left, str) and _WIDE_FORMAT.search(left) is not None
     if isinstance(kind, ast.Mult):
         count, repeated = (left, right) if isinstance(left, int) else (right, left)
-        return isinstance(count, int) and count * size(repeated) > MAX_SIZE and not isinstance(repeated, (int, float))
+        is_number = isinstance(repeated, (int, float))
+        return isinstance(count, int) and not is_number and count * size(repeated) > MAX_SIZE
     if not isinstance(left, int) or not isinstance(right, int) or right <= 0:
         return False  # floats have one size, and a negative power or shift makes no large integer
     if isinstance(kind, ast.LShift):
