@@ -102,20 +102,26 @@ def searching(robot: ModuleType, wall: bool) -> Callable[[implicit.Cell], dict[s
     All SEARCHED stiffnesses, tasks and matrices are simulated at once.
     """
     arm, model = functions(robot), mjx.put_model(implicit.arm(0.01, wall), impl="jax")
-    many = jax.vmap(partial(is_stable, arm), (None, None, (0, 0, 0), 0))
+    many = jax.vmap(partial(is_stable, arm), (None, None, (0, 0, 0), 0))  # over springs and weights
     compiled = jax.jit(many, compiler_options=COMPILER)
-    shape = (len(WEIGHTS), len(implicit.SEARCHED))
 
     def search(cell: implicit.Cell) -> dict[str, float]:
         """Return the largest stable stiffness [N/m] of each tangent, all states at once."""
         timed = model.tree_replace({"opt.timestep": jnp.asarray(cell.step)})
-        tasks = [implicit.tasks(robot, cell.away, cell.turn, stiffness) for stiffness in implicit.SEARCHED]
-        springs = (np.stack(each) for each in zip(*(task.arguments for row in tasks for task in row), strict=True))
+        tasks = [
+            task
+            for stiffness in implicit.SEARCHED
+            for task in implicit.tasks(robot, cell.away, cell.turn, stiffness)
+        ]  # fmt: skip
+        # a batch over matrices, stiffnesses and tasks, in this order from the slowest to the fastest index
+        springs = (np.stack(each) for each in zip(*(task.arguments for task in tasks), strict=True))
         stacked = tuple(jnp.asarray(np.concatenate([each] * len(WEIGHTS))) for each in springs)
-        weights = jnp.asarray(np.repeat(list(WEIGHTS.values()), len(stacked[0]) // len(WEIGHTS), axis=0))
-        stable = np.asarray(compiled(timed, round(implicit.SECONDS / cell.step) + 1, stacked, weights))
-        found = np.cumprod(stable.reshape(*shape, -1).all(2), axis=1).sum(1)  # stable up to here
-        return {name: float(implicit.SEARCHED[k - 1]) if k else 0.0 for name, k in zip(WEIGHTS, found, strict=True)}
+        weights = jnp.asarray(np.repeat(list(WEIGHTS.values()), len(tasks), axis=0))
+        steps = round(implicit.SECONDS / cell.step) + 1
+        stable = np.asarray(compiled(timed, steps, stacked, weights))
+        in_all_tasks = stable.reshape(len(WEIGHTS), len(implicit.SEARCHED), -1).all(2)
+        counts = np.cumprod(in_all_tasks, axis=1).sum(1)  # of stiffnesses that are stable up to the first that is not
+        return {name: float(implicit.SEARCHED[k - 1]) if k else 0.0 for name, k in zip(WEIGHTS, counts, strict=True)}
 
     return search
 
