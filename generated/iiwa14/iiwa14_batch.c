@@ -26,7 +26,11 @@
 
 /* ---- Copies between configurations and lanes ---------------------------------------------------------------- */
 
-/* Transpose a square of LANES x LANES numbers in log2(LANES) rounds, each of which interleaves pairs of rows. */
+/*
+ * Transpose a square of LANES x LANES numbers in log2(LANES) rounds, each of which interleaves the rows k and
+ * k + LANES / 2: entry c of row r, at the place (r, c) written in binary digits behind each other, goes to the place with
+ * these digits rotated by one to the left. After log2(LANES) rounds it is at (c, r).
+ */
 static inline void transpose(lanes square[LANES])
 {
 #if LANE_BYTES > 8

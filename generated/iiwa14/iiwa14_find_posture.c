@@ -28,7 +28,7 @@ static void stiffgen_jacobians(const double *q, const double *tool, double *jaco
 
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 static const double RADIAN = 0.2; /* [m] that counts as much as one radian */
-enum { ROWS = 6 * TIPS };                  /* of the Jacobians of all tips */
+enum { ROWS = 6 * TIPS }; /* of the Jacobians of all tips: three of a tip's translation before three of its rotation */
 static double larger(double x, double y) { return x > y ? x : y; }
 
 static double smaller(double x, double y) { return x < y ? x : y; }
@@ -49,6 +49,13 @@ static double dot(int count, const double *a, const double *b)
 }
 
 static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+static void divide(int count, double divisor, double *x)
+{
+    for (int i = 0; i < count; ++i) {
+        x[i] /= divisor;
+    }
+}
 
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 static int doubles_within(const double *x, size_t count, double least, double most)
@@ -92,7 +99,7 @@ static const double EXACT = 1e-13; /* up to which R is orthonormal but for round
 
 static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
 
-/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+/* Return the largest entry of R^T R - 1 for a pose (4 x 4) with rotation R, and the index of R's entry in its place. */
 static double rotation_error(const double *pose, int *entry)
 {
     double most = 0.0;
@@ -141,16 +148,19 @@ static int clean_pose(const double *pose, double *clean)
     return dot(3, cross, clean + 8) > 0.0;
 }
 
-/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+/*
+ * Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. The
+ * rotation between them, D = R_to R_from^T, has sin(angle) n in D - D^T, cos(angle) in its trace; n is the unit axis.
+ */
 static void compare_pose(const double *from, const double *to, double *twist)
 {
-    double D[9]; /* the rotation between the poses */
+    double D[9];
     for (int k = 0; k < 9; ++k) {
         D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
     }
-    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* sin(angle) n */
     const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
-    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+    if (angle > 1.0 && sine < NO_SINE) { /* near half a turn D + 1 is 2 n n^T: n is its longest column */
         const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
         for (int i = 0; i < 3; ++i) {
             axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
@@ -163,11 +173,19 @@ static void compare_pose(const double *from, const double *to, double *twist)
     }
 }
 
+/* Compute the twists (6 each) from poses to as many others. */
+static void compare_poses(int count, const double *from, const double *to, double *twists)
+{
+    for (int k = 0; k < count; ++k) {
+        compare_pose(from + 16 * k, to + 16 * k, twists + 6 * k);
+    }
+}
+
 /* Search for a posture of poses: damped steps of least squares from many starts, within the joints' bounds. */
 
 enum { TRIALS = 40, STEPS = 60 }; /* of a search; of a trial */
 static const double REACHED = 5e-6;      /* [m] or [rad] from a pose at which one step more is the last */
-static const double FLAT_SHARE = 1e-9;   /* damping at the pose, over the largest square of a joint's twist */
+static const double FLAT_SHARE = 1e-9;   /* damping at the pose, where the longest twist of a joint counts as 1 */
 static const double STEP_SHARE = 0.05;   /* damping over the error: what its neglected second derivative may do */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] */
 static const double HALF_TURN = 3.14159265358979324;
@@ -182,29 +200,22 @@ static double largest_part(const double *twists)
     return most;
 }
 
-/*
- * Compute the joints' twists X = J^T (one row per joint) and weight them and the error: RADIAN counts as much as one
- * radian, and the longest row of X has length 1. Return the damping of the step.
- */
-static double weigh(const double *q, const double *tool, double *X, double *error)
+/* Return what counts as one in a row of twists: RADIAN [m], or one radian. */
+static double unit_of(int row) { return row % 6 < 3 ? RADIAN : 1.0; }
+
+/* Compute the joints' twists X = J^T (N x ROWS), the longest of which is made 1. Return its length before. */
+static double find_twists(const double *q, const double *tool, double *X)
 {
-    double J[ROWS * N], longest = DBL_MIN, squares = 0.0;
+    double J[ROWS * N], longest = DBL_MIN;
     stiffgen_jacobians(q, tool, J);
-    for (int k = 0; k < N * ROWS; ++k) {
-        const int i = k / ROWS, r = k % ROWS;
-        X[k] = J[r * N + i] / (r % 6 < 3 ? RADIAN : 1.0);
-    }
     for (int i = 0; i < N; ++i) {
+        for (int r = 0; r < ROWS; ++r) {
+            X[i * ROWS + r] = J[r * N + i] / unit_of(r);
+        }
         longest = larger(longest, norm(ROWS, X + i * ROWS));
     }
-    for (int k = 0; k < N * ROWS; ++k) {
-        X[k] /= longest;
-    }
-    for (int r = 0; r < ROWS; ++r) {
-        error[r] /= longest * (r % 6 < 3 ? RADIAN : 1.0);
-        squares += error[r] * error[r];
-    }
-    return FLAT_SHARE + squares + STEP_SHARE * sqrt(squares);
+    divide(N * ROWS, longest, X);
+    return longest;
 }
 
 /* Solve (X^T X + damping) x = b in place. */
@@ -249,12 +260,19 @@ static int hold_joint(const double *q, const double *low, const double *high, in
     return 1;
 }
 
-/* Find the step from q that takes the error, the twists to the goal, out of the tips, within bounds. */
+/*
+ * Find the step from q that takes the error, the twists to the goal, out of the tips, within bounds: damped least
+ * squares, step = X (X^T X + damping)^-1 error, where damping = FLAT_SHARE + |error|^2 + STEP_SHARE |error|.
+ */
 static void find_step(const double *q, const double *tool, const double *low, const double *high, double *error,
                       double *step)
 {
     double X[N * ROWS];
-    const double damping = weigh(q, tool, X, error);
+    const double longest = find_twists(q, tool, X);
+    for (int r = 0; r < ROWS; ++r) {
+        error[r] /= longest * unit_of(r);
+    }
+    const double square = dot(ROWS, error, error), damping = FLAT_SHARE + square + STEP_SHARE * sqrt(square);
     int held[N] = {0}, again = 1;
     memset(step, 0, N * sizeof *step);
     for (int round = 0; round < N && again; ++round) { /* each round holds one more joint at its bound */
@@ -268,10 +286,10 @@ static void find_step(const double *q, const double *tool, const double *low, co
     }
 }
 
-/* Return a number from 0 to 1 that is as good as random for a trial and a joint. */
+/* Return a number from 0 to 1 that is as good as random for a trial and a joint: bits mixed as MurmurHash3 ends. */
 static double spread(int trial, int joint)
 {
-    uint32_t bits = ((uint32_t)trial << 8) + (uint32_t)joint + 1u;
+    uint32_t bits = ((uint32_t)trial << 8) + (uint32_t)joint + 1u; /* different for each: fewer than 256 joints */
     bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
     bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
     return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
@@ -295,12 +313,10 @@ static int try_posture(const double *goal, const double *tool, const double *low
     for (int k = 0; k < STEPS && !found; ++k) {
         double here[16 * TIPS], error[ROWS], step[N];
         stiffgen_poses(q, tool, here);
-        for (int t = 0; t < TIPS; ++t) {
-            compare_pose(here + 16 * t, goal + 16 * t, error + 6 * t);
-        }
+        compare_poses(TIPS, here, goal, error);
         found = largest_part(error) <= REACHED; /* improved by one step more */
         find_step(q, tool, low, high, error, step);
-        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0);
+        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0); /* of a long step */
         for (int i = 0; i < N; ++i) {
             q[i] += share * step[i];
         }

@@ -42,7 +42,8 @@ static double *stiffgen_kept_tool(state_t *state)
 
 static const double FARTHEST = 1e6; /* [m] or [rad] beyond which a number is a mistake, or has lost its last digits */
 static const double RADIAN = 0.2; /* [m] that counts as much as one radian */
-enum { ROWS = 6 * TIPS, WIDE = (int)N > ROWS, SHORT = WIDE ? ROWS : (int)N, LONG = WIDE ? (int)N : ROWS };
+enum { ROWS = 6 * TIPS, WIDE = (int)N > ROWS, /* of J, as its sides */
+       SHORT = WIDE ? ROWS : (int)N, LONG = WIDE ? (int)N : ROWS };
 enum { READY = 0x51f0110, LONGEST = 1000000 }; /* mark of init; calls at which a counter stands still */
 
 /* Data of one call. Twists, of all tips and linear first in hybrid axes, and J have rotations multiplied by RADIAN. */
@@ -72,6 +73,13 @@ static double dot(int count, const double *a, const double *b)
 }
 
 static double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
+
+static void divide(int count, double divisor, double *x)
+{
+    for (int i = 0; i < count; ++i) {
+        x[i] /= divisor;
+    }
+}
 
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 static int doubles_within(const double *x, size_t count, double least, double most)
@@ -109,13 +117,37 @@ static void solve_triangles(int n, const double *L, double *x)
     }
 }
 
+/*
+ * Return the share of full speed that stops within a way [s at full speed], if the share may change by `slope` per
+ * sample T: v^2 = way / settling - 1/4, a ramp; from v = 1/2 on v = way / settling, exponential, or the arm overshoots.
+ */
+static double stopping_speed(double way, double slope, double T)
+{
+    const double settling = 0.5 * T / slope; /* [s] time constant: the ramp's slope is T / (2 settling) */
+    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
+    return smaller(way / T, speed); /* no farther than there in one sample */
+}
+
+/* Move a velocity (3) towards a wanted one, by `most` at most. */
+static void change_velocity(const double *wanted, double most, double *velocity)
+{
+    double change[3];
+    for (int i = 0; i < 3; ++i) {
+        change[i] = wanted[i] - velocity[i];
+    }
+    const double over = larger(norm(3, change) / most, 1.0);
+    for (int i = 0; i < 3; ++i) {
+        velocity[i] += change[i] / over;
+    }
+}
+
 static const double ROUGH = 1e-3; /* what R^T R may differ from 1 by: single precision and drift, not a mistake */
 
 static const double EXACT = 1e-13; /* up to which R is orthonormal but for rounding */
 
 static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
 
-/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+/* Return the largest entry of R^T R - 1 for a pose (4 x 4) with rotation R, and the index of R's entry in its place. */
 static double rotation_error(const double *pose, int *entry)
 {
     double most = 0.0;
@@ -164,16 +196,19 @@ static int clean_pose(const double *pose, double *clean)
     return dot(3, cross, clean + 8) > 0.0;
 }
 
-/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+/*
+ * Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. The
+ * rotation between them, D = R_to R_from^T, has sin(angle) n in D - D^T, cos(angle) in its trace; n is the unit axis.
+ */
 static void compare_pose(const double *from, const double *to, double *twist)
 {
-    double D[9]; /* the rotation between the poses */
+    double D[9];
     for (int k = 0; k < 9; ++k) {
         D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
     }
-    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* sin(angle) n */
     const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
-    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+    if (angle > 1.0 && sine < NO_SINE) { /* near half a turn D + 1 is 2 n n^T: n is its longest column */
         const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
         for (int i = 0; i < 3; ++i) {
             axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
@@ -186,24 +221,32 @@ static void compare_pose(const double *from, const double *to, double *twist)
     }
 }
 
-/* Twists of the tips, in which lengths and angles count alike. */
+/* Compute the twists (6 each) from poses to as many others. */
+static void compare_poses(int count, const double *from, const double *to, double *twists)
+{
+    for (int k = 0; k < count; ++k) {
+        compare_pose(from + 16 * k, to + 16 * k, twists + 6 * k);
+    }
+}
 
-/* Let one radian of twists, or of columns of a Jacobian, count as much as RADIAN. */
+/* Twists of the tips, in which lengths and angles count alike: six rows per tip, translation before rotation. */
+
+static int is_rotation(int row) { return row % 6 >= 3; }
+
+/* Let one radian count as much as RADIAN, in twists (one column) or in a Jacobian. */
 static void weigh(int columns, double *rows)
 {
     for (int r = 0; r < ROWS; ++r) {
-        for (int i = 0; i < columns && r % 6 >= 3; ++i) {
+        for (int i = 0; i < columns && is_rotation(r); ++i) {
             rows[r * columns + i] *= RADIAN;
         }
     }
 }
 
 /* Compute the twists [m] that lead the tips from poses to others. */
-static void compare_poses(const double *from, const double *to, double *twists)
+static void weighed_twists(const double *from, const double *to, double *twists)
 {
-    for (int t = 0; t < TIPS; ++t) {
-        compare_pose(from + 16 * t, to + 16 * t, twists + 6 * t);
-    }
+    compare_poses(TIPS, from, to, twists);
     weigh(1, twists);
 }
 
@@ -214,7 +257,7 @@ static void weighed_jacobian(const double *q, const double *tool, double *J)
     weigh(N, J);
 }
 
-/* Compute the twists of velocities. */
+/* Compute the twists J velocity. */
 static void multiply(const double *J, const double *velocity, double *twists)
 {
     for (int r = 0; r < ROWS; ++r) {
@@ -222,14 +265,14 @@ static void multiply(const double *J, const double *velocity, double *twists)
     }
 }
 
-/* Return the tips' full speed [m/s] in row r of twists, of a translation or a rotation. */
-static double full_speed(const config_t *c, int r)
+/* Return the full speed [m/s] of the translation or rotation that a row of twists belongs to. */
+static double full_speed(const config_t *c, int row)
 {
-    return r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
+    return is_rotation(row) ? RADIAN * c->tip_rotation_limit : c->tip_velocity_limit;
 }
 
-/* Return the time [s] that twists take at the tips' full speed; of velocities: their share of it. */
-static double way_of(const config_t *c, const double *twists)
+/* Return twists over full speed, the largest of all tips' parts: ways [m] take this time [s], velocities this share. */
+static double over_full_speed(const config_t *c, const double *twists)
 {
     double most = 0.0;
     for (int r = 0; r < ROWS; r += 3) {
@@ -243,6 +286,7 @@ static double way_of(const config_t *c, const double *twists)
 static const double DAMPING = 1e-3; /* [m^2] added to squares of singular values */
 static const double HELP = 1e-6;    /* [m^2/s] of a fixed joint's column times the twists' lack, from which it helps */
 enum { PASSES = (int)N + 3, ROUNDS = 3 }; /* that fix or free joints; that lose (DAMPING / (DAMPING + s^2))^ROUNDS */
+enum { AT_LOWER = -1, FREE_JOINT = 0, AT_UPPER = 1 }; /* sides of a joint */
 
 /* Add the products of a joint's column to A, the lower triangle of J J^T, times a share. */
 static void add_column(const double *J, int joint, double share, double *A)
@@ -256,83 +300,93 @@ static void add_column(const double *J, int joint, double share, double *A)
 }
 
 /*
- * Let the free joints do what the twists lack, from velocities that cost nothing. A: damped J J^T of the free joints.
- * sides: as for choose. lack: what the twists lack in the end: DAMPING x after each round, which solves A x = lack.
+ * Let the free joints do what the twists lack. A = J J^T + DAMPING, of the free joints' columns alone. Each round adds
+ * J^T x, where A x = lack; the twists then lack `lack` - J J^T x = DAMPING x: the next round's, and at last the result.
  */
 static void move_free(const double *J, const double *A, const double *twists, const int *sides, double *velocity,
     double *lack)
 {
-    double L[ROWS * ROWS], sum[ROWS] = {0.0};
+    double L[ROWS * ROWS], made[ROWS], x[ROWS], sum[ROWS] = {0.0};
     find_triangle(ROWS, A, L);
-    multiply(J, velocity, lack);
+    multiply(J, velocity, made);
     for (int r = 0; r < ROWS; ++r) {
-        lack[r] = twists[r] - lack[r];
+        lack[r] = twists[r] - made[r];
     }
     for (int round = 0; round < ROUNDS; ++round) {
-        solve_triangles(ROWS, L, lack);
+        memcpy(x, lack, sizeof x);
+        solve_triangles(ROWS, L, x);
         for (int r = 0; r < ROWS; ++r) {
-            sum[r] += lack[r];
-            lack[r] *= DAMPING;
+            sum[r] += x[r];
+            lack[r] = DAMPING * x[r];
         }
     }
     for (int r = 0; r < ROWS; ++r) {
         for (int i = 0; i < N; ++i) {
-            velocity[i] += sides[i] % 2 == 0 ? J[r * N + i] * sum[r] : 0.0;
+            velocity[i] += sides[i] == FREE_JOINT ? J[r * N + i] * sum[r] : 0.0;
         }
     }
 }
 
-/*
- * Choose the joint that changes sides: the one farthest beyond its bound, else the fixed one that helps the tips most
- * when it leaves its bound; -1: none. sides: 1 and -1 at upper and lower bounds, 0 free, 2 freed for good.
- */
-static int choose(const double *J, const double *lack, const double *low, const double *high, const int *sides,
-    const double *velocity)
+/* Return the free joint whose velocity is farthest beyond its bounds; -1: none. */
+static int farthest_beyond(const double *velocity, const double *low, const double *high, const int *sides)
 {
-    int beyond = -1, inward = -1;
-    double farthest = DBL_EPSILON, most = HELP;
+    int found = -1;
+    double farthest = DBL_EPSILON; /* [rad/s] */
     for (int i = 0; i < N; ++i) {
-        const int side = sides[i] % 2;
-        const double over = side == 0 ? fabs(velocity[i] - clamp(velocity[i], low[i], high[i])) : 0.0;
-        double help = 0.0;
-        for (int r = 0; r < ROWS && side != 0; ++r) {
-            help -= side * J[r * N + i] * lack[r];
-        }
-        beyond = over > farthest ? i : beyond;
-        farthest = over > farthest ? over : farthest;
-        inward = help > most ? i : inward;
-        most = help > most ? help : most;
+        const double beyond = fabs(velocity[i] - clamp(velocity[i], low[i], high[i]));
+        found = sides[i] == FREE_JOINT && beyond > farthest ? i : found;
+        farthest = found == i ? beyond : farthest;
     }
-    return beyond >= 0 ? beyond : inward;
+    return found;
+}
+
+/* Return the fixed joint that gives the tips most of what they lack when it leaves its bound inward; -1: none. */
+static int most_helpful(const double *J, const double *lack, const int *sides)
+{
+    int found = -1;
+    double most = HELP;
+    for (int i = 0; i < N; ++i) {
+        double help = 0.0;
+        for (int r = 0; r < ROWS && sides[i] != FREE_JOINT; ++r) {
+            help -= sides[i] * J[r * N + i] * lack[r];
+        }
+        found = help > most ? i : found;
+        most = larger(help, most);
+    }
+    return found;
 }
 
 /*
- * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A joint beyond its bounds is
- * fixed there, worst first, and freed once if that helps (slowing all joints keeps the line, but near a singular
- * posture the tip hardly moves. A joint kept fixed from call to call stays so while others do its part: the arm swings)
+ * Solve J velocity = twists as well as bounds allow, from velocities that cost nothing. A pass fixes the joint farthest
+ * beyond its bound there, or else frees a fixed one that helps; both may return, so PASSES end it. (Slowing all joints
+ * keeps the line, but near a singular posture the tip hardly moves. Sides kept from call to call let the arm swing.)
  */
 static void solve_bounded(const double *J, const double *twists, const double *low, const double *high, double *velocity)
 {
-    double A[ROWS * ROWS], free[N], lack[ROWS];
-    int sides[N] = {0};
-    memcpy(free, velocity, sizeof free);
+    double A[ROWS * ROWS], costless[N], lack[ROWS];
+    int sides[N] = {0}; /* FREE_JOINT */
+    memcpy(costless, velocity, sizeof costless);
     for (int r = 0; r < ROWS; ++r) {
         for (int s = 0; s <= r; ++s) {
             A[r * ROWS + s] = dot(N, J + r * N, J + s * N) + (r == s ? DAMPING : 0.0);
         }
     }
-    for (int pass = 0, joint = 0; pass < PASSES && joint >= 0; ++pass) {
+    for (int pass = 0; pass < PASSES; ++pass) {
         move_free(J, A, twists, sides, velocity, lack);
-        joint = choose(J, lack, low, high, sides, velocity);
-        if (joint >= 0) {
-            const int freed = sides[joint] % 2 != 0, above = velocity[joint] > high[joint] ? 1 : -1;
-            const double bound = clamp(velocity[joint], low[joint], high[joint]);
-            sides[joint] = freed ? 2 : above;
-            add_column(J, joint, freed ? 1.0 : -1.0, A);
-            for (int i = 0; i < N; ++i) {
-                velocity[i] = sides[i] % 2 == 0 ? free[i] : velocity[i];
-            }
-            velocity[joint] = freed ? free[joint] : bound;
+        const int beyond = farthest_beyond(velocity, low, high, sides);
+        const int helpful = beyond < 0 ? most_helpful(J, lack, sides) : -1;
+        if (beyond >= 0) {
+            sides[beyond] = velocity[beyond] > high[beyond] ? AT_UPPER : AT_LOWER;
+            velocity[beyond] = clamp(velocity[beyond], low[beyond], high[beyond]);
+            add_column(J, beyond, -1.0, A);
+        } else if (helpful >= 0) {
+            sides[helpful] = FREE_JOINT;
+            add_column(J, helpful, 1.0, A);
+        } else {
+            break;
+        }
+        for (int i = 0; i < N; ++i) { /* the next pass begins anew with the free joints */
+            velocity[i] = sides[i] == FREE_JOINT ? costless[i] : velocity[i];
         }
     }
     for (int i = 0; i < N; ++i) {
@@ -350,7 +404,7 @@ static const double RATE = 20.0;     /* [1/s] at which the margin is reached */
 static const double AHEAD = 1e-4;    /* [rad] of the difference that tells how the tips' motion bends */
 static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist; from twice on, all */
 
-/* Improve the joints' motion v (norm 1) that moves the tips least, by an inverse iteration on the shorter side of J. */
+/* Improve the joints' motion v (norm 1) that moves the tips least: an inverse iteration on J J^T, or on J^T J. */
 static void find_weakest(const double *J, double *weakest, double *v)
 {
     double A[SHORT * SHORT], L[SHORT * SHORT];
@@ -365,54 +419,70 @@ static void find_weakest(const double *J, double *weakest, double *v)
     }
     find_triangle(SHORT, A, L);
     solve_triangles(SHORT, L, weakest);
-    const double size = norm(SHORT, weakest);
-    for (int k = 0; k < SHORT; ++k) {
-        weakest[k] /= size;
-    }
+    divide(SHORT, norm(SHORT, weakest), weakest);
     for (int i = 0; i < N; ++i) {
         v[i] = WIDE ? 0.0 : weakest[i];
         for (int k = 0; k < SHORT && WIDE; ++k) {
             v[i] += J[k * N + i] * weakest[k];
         }
     }
-    const double length = larger(norm(N, v), DBL_MIN);
-    for (int i = 0; i < N; ++i) {
-        v[i] /= length;
-    }
+    divide(N, larger(norm(N, v), DBL_MIN), v);
 }
 
 /*
- * Keep a margin to a fold. Along v, by x, the tips go value x + bend x^2 / 2 in the direction u, so at most
- * value^2 / (2 bend) farther out. With the goal beyond that, or well inside, the arm goes no nearer to the fold.
+ * Fold near the arm, at value = 0. Along v, away from it, by x [rad] the tips go value x + bend x^2 / 2 in a direction
+ * u, which is that of the bend: on the arm's branch both are positive.
  */
-static void keep_margin(state_t *s, const step_t *k, double *velocity)
+typedef struct {
+    double v[N], value, bend, goal; /* [1] of norm 1, [m/rad], [m/rad^2], [m] from here to the goal along u */
+} fold_t;
+
+/* Look for a fold, by the motion v that moves the tips least, here and AHEAD along it. Return whether one is near. */
+static int find_fold(state_t *s, const step_t *k, fold_t *fold)
 {
-    double v[N], q[N], J[ROWS * N], here[ROWS], ahead[ROWS], toward = 0.0;
+    double q[N], J[ROWS * N], here[ROWS], ahead[ROWS], to_posture = 0.0, *const v = fold->v;
     find_weakest(k->J, s->weakest, v);
     multiply(k->J, v, here);
     if (norm(ROWS, here) > NEAR_FOLD) {
-        return;
+        return 0;
     }
     for (int i = 0; i < N; ++i) {
         q[i] = s->q[i] + AHEAD * v[i];
-        toward += v[i] * (s->posture[i] - s->q[i]);
+        to_posture += v[i] * (s->posture[i] - s->q[i]);
     }
     weighed_jacobian(q, k->tool, J);
     multiply(J, v, ahead);
-    const double *const u = norm(ROWS, here) > norm(ROWS, ahead) ? here : ahead;
-    double value = dot(ROWS, u, here) / norm(ROWS, u), goal = dot(ROWS, u, k->rest) / norm(ROWS, u);
-    double bend = (dot(ROWS, u, ahead) / norm(ROWS, u) - value) / AHEAD;
-    const int unclear = fabs(value) < SIDE && fabs(toward) > NEARBY;
-    const double side = (unclear ? toward : value * bend) < 0.0 ? -1.0 : 1.0; /* of v */
-    value *= side * copysign(1.0, bend);
-    goal *= copysign(1.0, bend);
-    bend = larger(fabs(bend), DBL_EPSILON);
-    const double inside = goal + value * value / (2.0 * bend);
-    const double margin = MARGIN * smaller(bend / FLAT - 1.0, 1.0), rate = RATE * s->push;
-    const double push = rate * (margin - value) / bend - side * dot(N, v, velocity);
-    const int bound = bend > FLAT && (inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN));
-    for (int i = 0; i < N && push > 0.0 && bound; ++i) {
-        velocity[i] = clamp(velocity[i] + side * push * v[i], k->low[i], k->high[i]);
+    const double *const longer = norm(ROWS, here) > norm(ROWS, ahead) ? here : ahead; /* along u */
+    const double length = norm(ROWS, longer), value = dot(ROWS, longer, here) / length;
+    const double bend = (dot(ROWS, longer, ahead) / length - value) / AHEAD;
+    const int posture_tells = fabs(value) < SIDE && fabs(to_posture) > NEARBY;
+    const double away = (posture_tells ? to_posture : value * bend) < 0.0 ? -1.0 : 1.0; /* sign of v */
+    divide(N, away, v);
+    fold->value = value * (away * copysign(1.0, bend));
+    fold->bend = larger(fabs(bend), DBL_EPSILON);
+    fold->goal = dot(ROWS, longer, k->rest) / length * copysign(1.0, bend);
+    return fold->bend > FLAT;
+}
+
+/*
+ * Keep a margin to a fold, unless the goal itself is nearer. Against u the tips go at most value^2 / (2 bend) farther,
+ * up to value = 0. A goal `inside` of there by so much [m] has the value sqrt(2 bend inside).
+ */
+static void keep_margin(state_t *s, const step_t *k, double *velocity)
+{
+    fold_t fold;
+    if (!find_fold(s, k, &fold)) {
+        return;
+    }
+    const double value = fold.value, bend = fold.bend, inside = fold.goal + value * value / (2.0 * bend);
+    const int unreachable = inside < 0.0, well_inside = 2.0 * bend * inside > MARGIN * MARGIN;
+    if (unreachable || (value < SIDE && well_inside)) {
+        const double margin = MARGIN * smaller(bend / FLAT - 1.0, 1.0), rate = RATE * s->push;
+        const double wanted = rate * (margin - value) / bend; /* [rad/s] along v: bend wanted = rate (margin - value) */
+        const double push = wanted - dot(N, fold.v, velocity);
+        for (int i = 0; i < N && push > 0.0; ++i) {
+            velocity[i] = clamp(velocity[i] + push * fold.v[i], k->low[i], k->high[i]);
+        }
     }
 }
 
@@ -437,33 +507,39 @@ static const double FREE = 0.5;         /* share of its velocity limit up to whi
 static const double AT_REST = 1e-4;     /* share of its velocity limit up to which a joint rests */
 static const double SAME = 1e-9;        /* [s] at full speed between poses that are the same */
 
-/* Return the share of full speed that stops within a way [s]: by a ramp, the end exponential, or the arm overshoots. */
-static double stopping_speed(double way, double slope, double T)
-{
-    const double settling = 0.5 * T / slope; /* [s] */
-    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
-    return smaller(way / T, speed);
-}
-
 static int is_idle(const state_t *s) { return s->idle * s->config.sample_time > PATIENCE; }
 static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME || is_idle(s); }
 
-/* Note how much of the asked way the tips went: without progress they are stuck; if they come no nearer, q0 rests. */
-static void watch_progress(state_t *s, double way)
+/* Count calls in which the tips hardly go the way that was asked for. Return whether they move freely, or are there. */
+static int count_stuck(state_t *s, double way, double share)
 {
-    const double T = s->config.sample_time, share = smaller(T / MEAN_TIME, 1.0);
-    s->asked += share * (smaller(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    const double asked = smaller(s->config.sample_time * over_full_speed(&s->config, s->twist), s->way);
+    s->asked += share * (asked - s->asked); /* means over MEAN_TIME */
     s->got += share * (s->way - way - s->got);
-    const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
-    s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
+    const int free = s->got > FREED * s->asked || way < ARRIVED, blocked = s->got < PROGRESS * s->asked;
+    s->stuck = free ? 0 : s->stuck + (blocked && s->stuck < LONGEST);
+    return free;
+}
+
+/* Count calls since the least way fell by NEARER; a way by joints ends by itself, and may lead away at first. */
+static void count_idle(state_t *s, double way)
+{
     const int nearer = way < s->least - smaller(NEARER[0] * s->least, NEARER[1]);
-    const int away = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s));
-    if (!s->by_joints) { /* that way ends by itself */
-        s->idle = nearer && s->least > ARRIVED ? 0 : s->idle + away;
+    const int more = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s)); /* 1, 0 or -1 */
+    if (!s->by_joints) {
+        s->idle = nearer && s->least > ARRIVED ? 0 : s->idle + more;
     }
     s->least = nearer || s->by_joints ? way : s->least;
-    const double more = free || way < ARRIVED ? share : 0.0;
-    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
+}
+
+/* Let the tips slow down where they are stuck, and q0 rest if they come no nearer. way [s]: left by the last call. */
+static void watch_progress(state_t *s, double way)
+{
+    const double share = smaller(s->config.sample_time / MEAN_TIME, 1.0); /* of a call in the means */
+    const double rise = count_stuck(s, way, share) ? share : 0.0;
+    count_idle(s, way);
+    const double change = is_stuck(s) ? -share * s->push : rise;
+    s->push = clamp(s->push + change, is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
 }
 
 /* Return OK for a pose, of which `clean` is the copy, or what is wrong. */
@@ -473,7 +549,7 @@ static int check_pose(const double *pose, double *clean)
     return clean_pose(pose, clean) ? IIWA14_FOLLOW_OK : wrong;
 }
 
-/* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
+/* Adopt what is good of a command: poses with tools, all or none, and the posture. Return OK or what is wrong first. */
 static int take_command(state_t *s, const input_t *input, double *goal)
 {
     const config_t *const c = &s->config;
@@ -495,7 +571,7 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     for (int i = 0; i < N; ++i) {
         const double margin = c->limit_distance[i], last = s->posture[i];
         s->posture[i] = clamp(input->posture[i], c->lower_limit[i] + margin, c->upper_limit[i] - margin);
-        if (is_idle(s) && fabs(s->posture[i] - last) > OTHER) {
+        if (is_idle(s) && fabs(s->posture[i] - last) > OTHER) { /* it may lead on: idle tips move again */
             s->stuck = s->idle = 0;
             s->push = 1.0;
         }
@@ -503,63 +579,59 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     return result;
 }
 
-/* Return whether the goal is new; of a motion, a fine stream, it has a velocity, of a coarse stream it is smoothed. */
+/* Adopt the goal: in a fine stream it has a velocity, in a coarse one it is smoothed. Return whether it is new. */
 static int take_goal(state_t *s, const double *goal)
 {
     double moved[ROWS] = {0.0};
     if (memcmp(goal, s->pose, sizeof s->pose) != 0) {
-        compare_poses(s->pose, goal, moved);
+        weighed_twists(s->pose, goal, moved);
     }
     s->age += s->age < LONGEST;
-    const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
-    const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
-    if (way > SAME) {
-        s->interval = fine || time > COARSE_TIME ? 0.0 : time;
-        s->stuck = fine || s->interval > 0.0 ? s->stuck : 0;
-        s->idle = fine || s->interval > 0.0 ? s->idle : 0;
+    const double way = over_full_speed(&s->config, moved), time = s->age * s->config.sample_time; /* [s] */
+    const int is_new = way > SAME, fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
+    const int coarse = !fine && time <= COARSE_TIME;
+    if (is_new) {
+        if (!fine && !coarse) {
+            s->stuck = s->idle = 0;
+        }
+        s->interval = coarse ? time : 0.0;
         s->least += way; /* a stream that moves makes progress */
         s->period = fine ? s->age : 0;
         s->age = 0;
         s->push = 1.0;
         memcpy(s->pose, goal, sizeof s->pose);
-    } else if (s->age > 2 * s->period) {
+    } else if (s->age > 2 * s->period) { /* the next pose of the fine stream is overdue */
         s->period = 0;
     }
     for (int r = 0; r < ROWS; ++r) {
-        const double old = s->period > 0 ? s->stream[r] : 0.0;
-        s->stream[r] = way > SAME && fine ? moved[r] / time : old;
+        const double last = s->period > 0 ? s->stream[r] : 0.0;
+        s->stream[r] = is_new && fine ? moved[r] / time : last;
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
-    return way > SAME;
+    return is_new;
 }
 
 /* Change the tips' velocity: along with a stream, and straight to the goal, by a ramp that stops there. */
 static void plan_twist(state_t *s, const step_t *k)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / ((s->interval > 0.0 ? COARSE_RAMP : 1.0) * c->ramp_time);
-    double rest[ROWS], change[ROWS];
+    const double T = c->sample_time, ramp_time = (s->interval > 0.0 ? COARSE_RAMP : 1.0) * c->ramp_time;
+    const double slope = T / ramp_time; /* change of the share of full speed per sample */
+    double rest[ROWS], wanted[3];
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = way_of(c, rest), smooth = larger(c->smoothing * s->interval, T);
-    const double most = smaller(s->push, way_of(c, s->twist) + slope);
+    const double way = over_full_speed(c, rest), smooth = larger(c->smoothing * s->interval, T); /* [s] */
+    const double most = smaller(s->push, over_full_speed(c, s->twist) + slope);
     const double speed = smaller(smaller(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
-        const double limit = full_speed(c, r);
-        const double own = norm(3, rest + r) / limit;
-        const double share = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
-        for (int i = r; i < r + 3; ++i) {
-            change[i] = s->stream[i] + rest[i] * share;
+        const double limit = full_speed(c, r), own = norm(3, rest + r) / limit; /* [s] */
+        const double rate = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
+        for (int i = 0; i < 3; ++i) {
+            wanted[i] = s->stream[r + i] + rest[r + i] * rate;
         }
-        const double over = larger(norm(3, change + r) / limit, 1.0);
-        for (int i = r; i < r + 3; ++i) {
-            change[i] = change[i] / over - s->twist[i];
-        }
-        const double jump = larger(norm(3, change + r) / (limit * slope), 1.0);
-        for (int i = r; i < r + 3; ++i) {
-            s->twist[i] += change[i] / jump;
-        }
+        divide(3, larger(norm(3, wanted) / limit, 1.0), wanted);
+        change_velocity(wanted, limit * slope, s->twist + r);
     }
 }
 
@@ -570,42 +642,43 @@ static void bound_each_joint(const state_t *s, step_t *k)
     const double T = c->sample_time, slope = T / (JOINT_RAMP * c->ramp_time);
     for (int i = 0; i < N; ++i) {
         const double most = c->velocity_limit[i], change = slope * most;
-        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
+        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0); /* [rad] room */
         const double down = larger(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
-        const double fast = most * smaller(stopping_speed(up / most, slope, T), 1.0);
-        const double slow = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
-        k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
-        k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
+        const double upward = most * smaller(stopping_speed(up / most, slope, T), 1.0); /* [rad/s] that stops there */
+        const double downward = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
+        k->high[i] = clamp(clamp(upward, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
+        k->low[i] = clamp(clamp(downward, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
 }
 
 /* Return whether to go a way by joints to the posture: the tips are stuck, or were, and it has them at the goal. */
-static int takes_posture(const state_t *s, const step_t *k, const double *way)
+static int goes_by_joints(const state_t *s, const step_t *k, const double *way)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (s->by_joints ? norm(N, way) < AT_REST : !is_stuck(s) || s->way < ARRIVED) {
+    const int ends = norm(N, way) < AT_REST, begins = is_stuck(s) && !(s->way < ARRIVED);
+    if (s->by_joints ? ends : !begins) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
-    compare_poses(poses, s->pose, rest);
-    return way_of(&s->config, rest) < ARRIVED;
+    weighed_twists(poses, s->pose, rest);
+    return over_full_speed(&s->config, rest) < ARRIVED;
 }
 
-/* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */
-static void move_to_posture(state_t *s, step_t *k, double *velocity)
+/* Go straight to the posture, a way [rad] of the joints, as fast as joints and tips may, by a ramp. */
+static void move_to_posture(state_t *s, step_t *k, const double *way, double *velocity)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / c->ramp_time;
-    double last = way_of(c, s->twist); /* share of full speed */
-    multiply(k->J, velocity, s->twist);
-    double way = way_of(c, s->twist); /* [s] at full speed */
+    double way_of_tips[ROWS];
+    multiply(k->J, way, way_of_tips);
+    double time = over_full_speed(c, way_of_tips), last = over_full_speed(c, s->twist); /* [s]; share of full speed */
     for (int i = 0; i < N; ++i) {
-        way = larger(way, fabs(velocity[i]) / c->velocity_limit[i]);
+        time = larger(time, fabs(way[i]) / c->velocity_limit[i]);
         last = larger(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(way, slope, T));
+    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(time, slope, T));
     for (int i = 0; i < N; ++i) {
-        velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
+        velocity[i] = clamp(time > 0.0 ? way[i] * speed / time : 0.0, k->low[i], k->high[i]);
     }
     multiply(k->J, velocity, s->twist);
 }
@@ -614,19 +687,20 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
 static double rotation_weight(const state_t *s, const step_t *k, int tip)
 {
     const double *const stream = s->stream + 6 * tip;
-    const double turning = norm(3, stream + 3) / full_speed(&s->config, 3);
+    const double turning = norm(3, stream + 3) / full_speed(&s->config, 3); /* share of full speed, as the next */
     const double most = larger(turning, norm(3, stream) / full_speed(&s->config, 0));
     const double kept = most > 0.0 ? 1.0 - (1.0 - LAG) * turning / most : LAG;
-    return s->period > 0 ? larger(kept, clamp(norm(3, k->rest + 6 * tip) / SLIP, LAG, 1.0)) : 1.0;
+    const double slipped = clamp(norm(3, k->rest + 6 * tip) / SLIP, LAG, 1.0); /* off its place the tip keeps it, too */
+    return s->period > 0 ? larger(kept, slipped) : 1.0;
 }
 
-/* Follow the line; what it leaves free goes to the posture. velocity: the way to the posture, then the velocity. */
-static void go_by_line(state_t *s, step_t *k, double *velocity)
+/* Follow the line; what it leaves free goes a way [rad] of the joints, to the posture. */
+static void go_by_line(state_t *s, step_t *k, const double *way, double *velocity)
 {
     double twist[ROWS], J[ROWS * N];
     plan_twist(s, k);
     for (int r = 0; r < ROWS; ++r) {
-        const double weight = r % 6 >= 3 ? rotation_weight(s, k, r / 6) : 1.0;
+        const double weight = is_rotation(r) ? rotation_weight(s, k, r / 6) : 1.0;
         twist[r] = weight * s->twist[r];
         for (int i = 0; i < N; ++i) {
             J[r * N + i] = weight * k->J[r * N + i];
@@ -634,7 +708,7 @@ static void go_by_line(state_t *s, step_t *k, double *velocity)
     }
     for (int i = 0; i < N; ++i) {
         const double most = FREE * s->config.velocity_limit[i];
-        const double pull = s->push * clamp(velocity[i] / POSTURE_TIME, -most, most);
+        const double pull = s->push * clamp(way[i] / POSTURE_TIME, -most, most);
         const double loss = s->config.sample_time / POSTURE_TIME * s->dq[i]; /* without it the ramps swing for ever */
         velocity[i] = clamp(pull, k->low[i] - loss, k->high[i] - loss);
     }
@@ -656,10 +730,11 @@ static void report(const state_t *s, const step_t *k, int result, output_t *out)
     memcpy(out->q0, s->q, sizeof out->q0);
     memcpy(out->dq0, s->dq, sizeof out->dq0);
     const int unreachable = is_stuck(s) && !s->by_joints && s->way > ARRIVED;
-    const int bits[5] = {moving, s->interval > 0.0, s->by_joints, unreachable, result != IIWA14_FOLLOW_OK};
-    for (int b = 0; b < 5; ++b) {
-        out->status |= bits[b] ? 1u << b : 0u;
-    }
+    out->status |= moving ? (uint32_t)IIWA14_FOLLOW_MOVING : 0u;
+    out->status |= s->interval > 0.0 ? (uint32_t)IIWA14_FOLLOW_SMOOTHED : 0u;
+    out->status |= s->by_joints ? (uint32_t)IIWA14_FOLLOW_BY_JOINTS : 0u;
+    out->status |= unreachable ? (uint32_t)IIWA14_FOLLOW_UNREACHABLE : 0u;
+    out->status |= result != IIWA14_FOLLOW_OK ? (uint32_t)IIWA14_FOLLOW_REFUSED : 0u;
 }
 
 static int start(const config_t *c, state_t *s, const double *q)
@@ -672,7 +747,7 @@ static int start(const config_t *c, state_t *s, const double *q)
     memcpy(s->posture, q, sizeof s->posture);
     double *const tools = stiffgen_kept_tool(s);
     for (int k = 0; k < 16 * TIPS && tools != NULL; ++k) {
-        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0;
+        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0; /* unit matrices */
     }
     stiffgen_poses(q, tools, s->pose);
     for (int i = 0; i < SHORT; ++i) {
@@ -684,26 +759,27 @@ static int start(const config_t *c, state_t *s, const double *q)
     return IIWA14_FOLLOW_OK;
 }
 
+/* Do a call. What the last one reached is judged before the new goal counts. */
 static int follow(state_t *s, const input_t *input, output_t *out)
 {
-    double goal[16 * TIPS], here[16 * TIPS], velocity[N];
+    double goal[16 * TIPS], here[16 * TIPS], way[N], velocity[N];
     step_t k;
     const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
     stiffgen_poses(s->q, k.tool, here);
-    compare_poses(here, s->pose, k.rest);
-    watch_progress(s, way_of(&s->config, k.rest));
+    weighed_twists(here, s->pose, k.rest);
+    watch_progress(s, over_full_speed(&s->config, k.rest));
     if (take_goal(s, goal)) {
-        compare_poses(here, s->pose, k.rest);
+        weighed_twists(here, s->pose, k.rest);
     }
-    s->way = way_of(&s->config, k.rest);
+    s->way = over_full_speed(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_each_joint(s, &k);
     for (int i = 0; i < N; ++i) {
-        velocity[i] = s->posture[i] - s->q[i];
+        way[i] = s->posture[i] - s->q[i];
     }
-    s->by_joints = takes_posture(s, &k, velocity);
-    (s->by_joints ? move_to_posture : go_by_line)(s, &k, velocity);
+    s->by_joints = goes_by_joints(s, &k, way);
+    (s->by_joints ? move_to_posture : go_by_line)(s, &k, way, velocity);
     for (int i = 0; i < N; ++i) {
         s->dq[i] = velocity[i];
         s->q[i] += s->config.sample_time * velocity[i];

@@ -532,10 +532,13 @@ static int doubles_within(const double *x, size_t count, double least, double mo
     return 1;
 }
 
-/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+/*
+ * Return the smallest eigenvalue of a symmetric 3 x 3 matrix. With B = K - mean 1, whose norm is sqrt(6) p, the roots
+ * of the characteristic polynomial are mean + 2 p cos(angle + k third), where cos(3 angle) = det(B) / (2 p^3).
+ */
 static double smallest_eigenvalue(const double *K)
 {
-    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn */
+    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn: k = 1 */
     const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
     const double b = K[1], c = K[2], e = K[5];
     const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
@@ -554,8 +557,10 @@ static double most_damping(double sample_time, int delay_samples)
 }
 
 /*
- * Return the damping [1/s] of a mode with eigenvalue l [1/s^2]: of the ratio damping_ratio, with a torque that is late
- * by a time [s].
+ * Return the damping b [1/s] for a ratio zeta of a mode x'' = -l x - b x' with eigenvalue l [1/s^2], whose torque is
+ * late by t = late [s]. To first order of t the mode is (1 - b t) x'' + (b - l t) x' + l x = 0, and has that ratio for
+ * (b - l t)^2 = 4 zeta^2 l (1 - b t): b = sqrt(p^2 + 4 zeta^2 l - l^2 t^2) - p, with p = l t (2 zeta^2 - 1). With less
+ * than l t the mode would grow.
  */
 static double mode_damping(double l, double late, double damping_ratio)
 {

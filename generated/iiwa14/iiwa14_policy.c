@@ -59,10 +59,13 @@ static int doubles_within(const double *x, size_t count, double least, double mo
     return 1;
 }
 
-/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+/*
+ * Return the smallest eigenvalue of a symmetric 3 x 3 matrix. With B = K - mean 1, whose norm is sqrt(6) p, the roots
+ * of the characteristic polynomial are mean + 2 p cos(angle + k third), where cos(3 angle) = det(B) / (2 p^3).
+ */
 static double smallest_eigenvalue(const double *K)
 {
-    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn */
+    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn: k = 1 */
     const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
     const double b = K[1], c = K[2], e = K[5];
     const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);
@@ -74,7 +77,7 @@ static double smallest_eigenvalue(const double *K)
     return mean + 2.0 * p * cos(angle + third);
 }
 
-/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+/* Return the largest entry of R^T R - 1 for a pose (4 x 4) with rotation R, and the index of R's entry in its place. */
 static double rotation_error(const double *pose, int *entry)
 {
     double most = 0.0;
@@ -227,11 +230,11 @@ static int find_stage(const policy_t *p, int part)
     return progress(p, part) < 1.0 ? IIWA14_POLICY_STAGE_MOVING : IIWA14_POLICY_STAGE_HOLDING;
 }
 
-/* Interpolate linearly, and multiply by a share. The cone of positive semidefinite matrices is convex. */
-static void mix(int count, double x, double share, const double *from, const double *to, double *result)
+/* Interpolate linearly, and take the share that a fade leaves: both keep a stiffness positive semidefinite. */
+static void mix(int count, double gone, double share, const double *from, const double *to, double *result)
 {
     for (int i = 0; i < count; ++i) {
-        result[i] = share * ((1.0 - x) * from[i] + x * to[i]);
+        result[i] = share * ((1.0 - gone) * from[i] + gone * to[i]);
     }
 }
 
@@ -242,26 +245,29 @@ static double stiffness_share(const policy_t *p)
     return p->config.stale_share + (1.0 - p->config.stale_share) * share_left(p, late);
 }
 
+static double wrench_share(const policy_t *p) { return share_left(p, overdue(p, IIWA14_POLICY_PART_WRENCH)); }
+
 /*
- * Let an interpolation begin at what is commanded. `after`, the share from now on, multiplies its beginning: this is
- * divided by a share that has risen from `before`, so that nothing jumps. A share that falls acts at once.
+ * Let an interpolation begin at what is commanded. mix multiplies its start by the share `after`; one that has risen
+ * from `before` divides it here: after * from is what is commanded, and nothing jumps. One that falls acts at once.
  */
 static void begin_at(int count, const double *commanded, double before, double after, double *from)
 {
+    const double divisor = after >= before && after > 0.0 ? after : 1.0;
     for (int i = 0; i < count; ++i) {
-        from[i] = after >= before && after > 0.0 ? commanded[i] / after : commanded[i];
+        from[i] = commanded[i] / divisor;
     }
 }
 
 /* Compute what the port commands at its time. The pose goes as it is to a follower, which has the ramps. */
 static void interpolate(policy_t *p)
 {
-    const double x = progress(p, IIWA14_POLICY_PART_STIFFNESS), y = progress(p, IIWA14_POLICY_PART_WRENCH);
-    const double share = stiffness_share(p), wrench_share = share_left(p, overdue(p, IIWA14_POLICY_PART_WRENCH));
+    const double share = stiffness_share(p), gone = progress(p, IIWA14_POLICY_PART_STIFFNESS);
     output_t *const out = &p->command;
-    mix(9 * TIPS, x, share, p->from_translation, p->to_translation, out->translation_stiffness);
-    mix(9 * TIPS, x, share, p->from_rotation, p->to_rotation, out->rotation_stiffness);
-    mix(6 * TIPS, y, wrench_share, p->from_wrench, p->to_wrench, out->wrench_command);
+    mix(9 * TIPS, gone, share, p->from_translation, p->to_translation, out->translation_stiffness);
+    mix(9 * TIPS, gone, share, p->from_rotation, p->to_rotation, out->rotation_stiffness);
+    mix(6 * TIPS, progress(p, IIWA14_POLICY_PART_WRENCH), wrench_share(p), p->from_wrench, p->to_wrench,
+        out->wrench_command);
     for (int part = 0; part < PARTS; ++part) {
         out->stage[part] = find_stage(p, part);
     }
@@ -366,19 +372,18 @@ static int propose(policy_t *p, const proposal_t *proposal, double now)
 {
     const int timed = advance_time(p, now);
     int accepted[PARTS];
-    interpolate(p);
-    const double share_before = stiffness_share(p), wrench_before = share_left(p, overdue(p, IIWA14_POLICY_PART_WRENCH));
+    interpolate(p); /* p->command: what is commanded now */
+    const double before = stiffness_share(p), wrench_before = wrench_share(p);
     const int refusals = propose_parts(p, proposal, timed, accepted);
-    const double share_after = stiffness_share(p);
+    const double after = stiffness_share(p);
     /* An accepted pose may raise the stiffness' share by itself: the stiffness goes to its goal anew, with no jump. */
-    if (accepted[IIWA14_POLICY_PART_STIFFNESS] || share_after > share_before) {
-        begin_at(9 * TIPS, p->command.translation_stiffness, share_before, share_after, p->from_translation);
-        begin_at(9 * TIPS, p->command.rotation_stiffness, share_before, share_after, p->from_rotation);
+    if (accepted[IIWA14_POLICY_PART_STIFFNESS] || after > before) {
+        begin_at(9 * TIPS, p->command.translation_stiffness, before, after, p->from_translation);
+        begin_at(9 * TIPS, p->command.rotation_stiffness, before, after, p->from_rotation);
         p->begin[IIWA14_POLICY_PART_STIFFNESS] = p->now;
     }
     if (accepted[IIWA14_POLICY_PART_WRENCH]) { /* no other part changes its share */
-        const double wrench_after = share_left(p, overdue(p, IIWA14_POLICY_PART_WRENCH));
-        begin_at(6 * TIPS, p->command.wrench_command, wrench_before, wrench_after, p->from_wrench);
+        begin_at(6 * TIPS, p->command.wrench_command, wrench_before, wrench_share(p), p->from_wrench);
     }
     return refusals;
 }

@@ -103,7 +103,7 @@ FAULTS = [
     Fault("step of another argument", PYTHON_C, r"steps\[1\]", "steps[0]", "evaluate_hybrid_joint_stiffness_batch("),
     Fault("rows taken as planes", PYTHON_C, r"a \* steps\[0\]", "a * steps[1]", "static void copy_block("),
     Fault("columns taken as rows", PYTHON_C, r"c \* steps\[rank - 1\]", "c * (npy_intp)sizeof(double)", "static void copy_block("),
-    Fault("every chunk is the first", PYTHON_C, r"steps\[o\] \* \(done \+ n\)", "steps[o] * n", "static void batch_loop("),
+    Fault("every chunk is the first", PYTHON_C, r"args\[o\] \+ steps\[o\] \* done, steps\[o\]", "args[o], steps[o]", "static void batch_loop("),
     Fault("a spring's energy", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double stiffgen_spring_energy("),
     Fault("a spring's torque", CONTROLLER, r"translation_stiffness, rotation_stiffness, &energy", "rotation_stiffness, translation_stiffness, &energy", "static double stiffgen_spring("),
     Fault("sign of the posture's potential", CONTROLLER, r"pull\[i\] \+= k \* away", "pull[i] -= k * away"),

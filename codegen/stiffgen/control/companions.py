@@ -81,7 +81,7 @@ class Companion:
         return {f"_{self.name}.{ending}": f"{self.name}.{ending}.j2" for ending in ("h", "c")}
 
 
-SHARED = Library(_HERE / "shared", "shared.h", ("vectors.c", "matrices.c", "damping.c", "poses.c"))
+SHARED = Library(_HERE / "shared", "shared.h", ("vectors.c", "matrices.c", "damping.c", "ramps.c", "poses.c"))
 """C of which the files of controller and companions contain what they use."""
 FOLLOW = Library(_HERE / "follow", "follow.h", ("twists.c", "solve.c", "fold.c", "follow.c"), shared=SHARED)
 """C of every NAME_follow.c."""

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8c7b51a29ef35e06"
+#define SOURCES "6a2e8abd19c5eb31"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2249,114 +2249,124 @@ static int warn_of_inputs(void)
 
 /* Inner loop of every ufunc: single calls, or a batch. */
 
-/* Give each operand with a size a part of one buffer, which has room for all. Return NULL without memory. */
-static number *share_buffer(int operands, const npy_intp *sizes, npy_intp needed, number **packed)
+/* Memory of the operands of a loop. Each is used in place, or copied without gaps into its part of one buffer. */
+typedef struct {
+    const npy_intp *core_steps[MAX_OPERANDS]; /* [bytes] between entries, one step per dimension of the operand */
+    npy_intp size[MAX_OPERANDS];              /* numbers of the copy; 0: in place */
+    number *packed[MAX_OPERANDS];             /* the copy; NULL: in place */
+    number *buffer;                           /* all copies; NULL: none */
+} operand_memory;
+
+/* Find each operand's steps: NumPy's list begins with one step per operand, between configurations. */
+static void find_core_steps(const kernel *k, const npy_intp *steps, operand_memory *m)
 {
-    number *const buffer = (number *)PyMem_RawMalloc((size_t)needed * sizeof(number));
-    if (buffer == NULL) {
+    const npy_intp *next = steps + k->operands;
+    for (int o = 0; o < k->operands; ++o) {
+        m->core_steps[o] = next;
+        next += k->rank[o];
+    }
+}
+
+/* Give each operand with a size its part of a new buffer. Return 0, with the error set, if there is no memory. */
+static int allocate_copies(const kernel *k, operand_memory *m)
+{
+    npy_intp needed = 0;
+    for (int o = 0; o < k->operands; ++o) {
+        needed += m->size[o];
+        m->packed[o] = NULL;
+    }
+    m->buffer = NULL;
+    if (needed == 0) {
+        return 1;
+    }
+    m->buffer = (number *)PyMem_RawMalloc((size_t)needed * sizeof(number));
+    if (m->buffer == NULL) {
         PyGILState_STATE state = PyGILState_Ensure();
         PyErr_NoMemory();
         PyGILState_Release(state);
-        return NULL;
+        return 0;
     }
-    number *free_part = buffer;
-    for (int o = 0; o < operands; ++o) {
-        packed[o] = sizes[o] > 0 ? free_part : NULL;
-        free_part += sizes[o];
+    number *free_part = m->buffer;
+    for (int o = 0; o < k->operands; ++o) {
+        m->packed[o] = m->size[o] > 0 ? free_part : NULL;
+        free_part += m->size[o];
     }
-    return buffer;
+    return 1;
+}
+
+/* Copy count configurations of an operand, a step [bytes] apart, to its copy (pack = 1) or from it, if it has one. */
+static void copy_configurations(const kernel *k, const operand_memory *m, int operand, char *block, npy_intp step,
+    npy_intp count, int pack)
+{
+    if (m->packed[operand] == NULL) {
+        return;
+    }
+    const npy_intp size = size_of(k, operand);
+    for (npy_intp n = 0; n < count; ++n) {
+        copy_block(k, operand, block + step * n, m->core_steps[operand], m->packed[operand] + size * n, pack);
+    }
 }
 
 /* Run a batch. To bound memory, operands that are not contiguous are copied CHUNK configurations at a time. */
 static void batch_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
 {
-    const npy_intp *core_steps[MAX_OPERANDS];
-    npy_intp batch_steps[MAX_OPERANDS];
-    number *packed[MAX_OPERANDS] = {NULL};
-    number *buffer = NULL;
-    npy_intp sizes[MAX_OPERANDS], needed = 0; /* numbers of the copies */
-
-    const npy_intp *next = steps + k->operands;
+    operand_memory m = {{NULL}, {0}, {NULL}, NULL};
+    npy_intp batch_steps[MAX_OPERANDS]; /* numbers between configurations */
+    find_core_steps(k, steps, &m);
     for (int o = 0; o < k->operands; ++o) {
-        core_steps[o] = next;
-        next += k->rank[o];
-        const int in_place = is_batch(k, o, args[o], steps[o], core_steps[o]);
+        const int in_place = is_batch(k, o, args[o], steps[o], m.core_steps[o]);
         batch_steps[o] = in_place ? steps[o] / (npy_intp)sizeof(number) : size_of(k, o);
-        sizes[o] = in_place ? 0 : CHUNK * size_of(k, o);
-        needed += sizes[o];
+        m.size[o] = in_place ? 0 : CHUNK * size_of(k, o);
     }
-    if (needed > 0) {
-        buffer = share_buffer(k->operands, sizes, needed, packed);
-        if (buffer == NULL) {
-            return;
-        }
+    if (!allocate_copies(k, &m)) {
+        return;
     }
-    const npy_intp most = needed > 0 ? CHUNK : count;
+    const npy_intp most = m.buffer != NULL ? CHUNK : count;
     for (npy_intp done = 0; done < count; done += most) {
         const npy_intp now = count - done < most ? count - done : most;
         number *at[MAX_OPERANDS];
         for (int o = 0; o < k->operands; ++o) {
-            for (npy_intp n = 0; o < k->inputs && packed[o] != NULL && n < now; ++n) {
-                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 1);
-            }
-            at[o] = packed[o] != NULL ? packed[o] : (number *)(args[o] + steps[o] * done);
+            at[o] = m.packed[o] != NULL ? m.packed[o] : (number *)(args[o] + steps[o] * done);
+        }
+        for (int o = 0; o < k->inputs; ++o) {
+            copy_configurations(k, &m, o, args[o] + steps[o] * done, steps[o], now, 1);
         }
         k->evaluate_batch((size_t)now, (const number *const *)at, batch_steps, at + k->inputs);
         for (int o = k->inputs; o < k->operands; ++o) {
-            for (npy_intp n = 0; packed[o] != NULL && n < now; ++n) {
-                copy_block(k, o, args[o] + steps[o] * (done + n), core_steps[o], packed[o] + batch_steps[o] * n, 0);
-            }
+            copy_configurations(k, &m, o, args[o] + steps[o] * done, steps[o], now, 0);
         }
     }
-    PyMem_RawFree(buffer);
+    PyMem_RawFree(m.buffer);
 }
 
 /* Run single calls, each on operands in place or packed. */
 static void single_loop(const kernel *k, char **args, npy_intp count, const npy_intp *steps)
 {
-    const int operands = k->operands;
-    const npy_intp *core_steps[MAX_OPERANDS];
-    number *at[MAX_OPERANDS];
-    number *packed[MAX_OPERANDS] = {NULL};
-    char *block[MAX_OPERANDS];
-    number *buffer = NULL;
-    npy_intp sizes[MAX_OPERANDS], needed = 0; /* numbers of the copies */
-
-    const npy_intp *next = steps + operands;
-    for (int o = 0; o < operands; ++o) {
-        core_steps[o] = next;
-        next += k->rank[o];
-        block[o] = args[o];
-        sizes[o] = is_direct(k, o, args[o], steps[o], core_steps[o]) ? 0 : size_of(k, o);
-        needed += sizes[o];
+    operand_memory m = {{NULL}, {0}, {NULL}, NULL};
+    find_core_steps(k, steps, &m);
+    for (int o = 0; o < k->operands; ++o) {
+        m.size[o] = is_direct(k, o, args[o], steps[o], m.core_steps[o]) ? 0 : size_of(k, o);
     }
-    if (needed > 0) {
-        buffer = share_buffer(operands, sizes, needed, packed);
-        if (buffer == NULL) {
-            return;
-        }
+    if (!allocate_copies(k, &m)) {
+        return;
     }
     for (npy_intp n = 0; n < count; ++n) {
-        for (int o = 0; o < operands; ++o) {
-            if (o < k->inputs && packed[o] != NULL) {
-                copy_block(k, o, block[o], core_steps[o], packed[o], 1);
-            }
-            at[o] = packed[o] != NULL ? packed[o] : (number *)block[o];
+        number *at[MAX_OPERANDS];
+        for (int o = 0; o < k->operands; ++o) {
+            at[o] = m.packed[o] != NULL ? m.packed[o] : (number *)(args[o] + steps[o] * n);
+        }
+        for (int o = 0; o < k->inputs; ++o) {
+            copy_configurations(k, &m, o, args[o] + steps[o] * n, steps[o], 1, 1);
         }
         k->evaluate((const number *const *)at, at + k->inputs);
-        for (int o = k->inputs; o < operands; ++o) {
-            if (packed[o] != NULL) {
-                copy_block(k, o, block[o], core_steps[o], packed[o], 0);
-            }
-        }
-        for (int o = 0; o < operands; ++o) {
-            block[o] += steps[o];
+        for (int o = k->inputs; o < k->operands; ++o) {
+            copy_configurations(k, &m, o, args[o] + steps[o] * n, steps[o], 1, 0);
         }
     }
-    PyMem_RawFree(buffer);
+    PyMem_RawFree(m.buffer);
 }
 
-/* Compute `dimensions[0]` configurations: the inner loop that NumPy calls. */
+/* Compute `dimensions[0]` configurations: the inner loop that NumPy calls. A kernel may have batches only, or none. */
 static void loop(char **args, const npy_intp *dimensions, const npy_intp *steps, void *data)
 {
     const kernel *const k = (const kernel *)data;
@@ -2385,9 +2395,26 @@ static PyObject *argument_error(const kernel *k, const char *what, const char *n
     return NULL;
 }
 
-/* Return whether the dimensions of two arrays before the last ones of each argument do not broadcast. */
-static int leading_differ(PyArrayObject *a, int leading_a, PyArrayObject *b, int leading_b)
+/* Return an argument as an array, or NULL, without an exception, if it is none. */
+static PyArrayObject *array_of(PyObject *argument)
 {
+    PyArrayObject *const array = (PyArrayObject *)PyArray_FROM_O(argument);
+    if (array == NULL) {
+        PyErr_Clear();
+    }
+    return array;
+}
+
+/* Return the number of dimensions of argument i's stack, which come before those of the argument; negative: too few. */
+static int leading_of(const kernel *k, int i, PyArrayObject *array)
+{
+    return PyArray_NDIM(array) - k->rank[i];
+}
+
+/* Return whether the stacks of arguments i and j do not broadcast: some extents, counted from the last, differ. */
+static int leading_differ(const kernel *k, int i, PyArrayObject *a, int j, PyArrayObject *b)
+{
+    const int leading_a = leading_of(k, i, a), leading_b = leading_of(k, j, b);
     for (int d = 1; d <= leading_a && d <= leading_b; ++d) {
         const npy_intp x = PyArray_DIM(a, leading_a - d), y = PyArray_DIM(b, leading_b - d);
         if (x != y && x != 1 && y != 1) {
@@ -2397,19 +2424,27 @@ static int leading_differ(PyArrayObject *a, int leading_a, PyArrayObject *b, int
     return 0;
 }
 
-/* Set the error about an argument whose leading dimensions differ from those of another one, which are expected. */
+/* Return the shape that argument i must have beside another one: that one's stack, then its own extents. */
+static PyObject *shape_beside(const kernel *k, int i, int like, PyArrayObject *other)
+{
+    const int leading = leading_of(k, like, other);
+    PyObject *shape = PyTuple_New(leading + k->rank[i]);
+    for (int d = 0; shape != NULL && d < leading + k->rank[i]; ++d) {
+        PyObject *const extent = PyLong_FromSsize_t(d < leading ? PyArray_DIM(other, d) : k->extent[i][d - leading]);
+        if (extent == NULL || PyTuple_SetItem(shape, d, extent) != 0) {
+            Py_CLEAR(shape);
+        }
+    }
+    return shape;
+}
+
+/* Set the error about argument i, whose stack differs from that of another one, `like`. */
 static void leading_error(const kernel *k, int i, PyArrayObject *array, int like, PyArrayObject *other)
 {
-    const int leading = PyArray_NDIM(other) - k->rank[like];
     PyObject *const own = PyObject_GetAttrString((PyObject *)array, "shape");
     PyObject *const others = PyObject_GetAttrString((PyObject *)other, "shape");
-    PyObject *const expected = PyTuple_New(leading + k->rank[i]);
-    int complete = own != NULL && others != NULL && expected != NULL;
-    for (int d = 0; complete && d < leading + k->rank[i]; ++d) {
-        PyObject *const extent = PyLong_FromSsize_t(d < leading ? PyArray_DIM(other, d) : k->extent[i][d - leading]);
-        complete = extent != NULL && PyTuple_SetItem(expected, d, extent) == 0;
-    }
-    if (complete) {
+    PyObject *const expected = shape_beside(k, i, like, other);
+    if (own != NULL && others != NULL && expected != NULL) {
         PyErr_Format(PyExc_ValueError, "%s(): %s has the shape %S, expected %S beside %s of the shape %S", k->name,
             k->argument[i], own, expected, k->argument[like], others);
     }
@@ -2418,20 +2453,15 @@ static void leading_error(const kernel *k, int i, PyArrayObject *array, int like
     Py_XDECREF(expected);
 }
 
-/* Set an error if the leading dimensions of two arguments do not broadcast, and return whether they do not. */
+/* Set an error if the stacks of two arguments do not broadcast, and return whether they do not. */
 static int explain_leading(const kernel *k, PyObject *const *args, Py_ssize_t count)
 {
     PyArrayObject *arrays[MAX_OPERANDS] = {NULL};
     int found = 0;
     for (int i = 0; i < k->inputs && i < count && !found; ++i) {
-        arrays[i] = (PyArrayObject *)PyArray_FROM_O(args[i]);
-        if (arrays[i] == NULL) {
-            PyErr_Clear();
-            continue;
-        }
-        for (int j = 0; j < i && !found; ++j) {
-            found = arrays[j] != NULL && leading_differ(arrays[i], PyArray_NDIM(arrays[i]) - k->rank[i],
-                arrays[j], PyArray_NDIM(arrays[j]) - k->rank[j]);
+        arrays[i] = array_of(args[i]);
+        for (int j = 0; j < i && arrays[i] != NULL && !found; ++j) {
+            found = arrays[j] != NULL && leading_differ(k, i, arrays[i], j, arrays[j]);
             if (found) {
                 leading_error(k, i, arrays[i], j, arrays[j]);
             }
@@ -2443,28 +2473,43 @@ static int explain_leading(const kernel *k, PyObject *const *args, Py_ssize_t co
     return found;
 }
 
-/* Set an error if the shape of an argument ends with others than its extents, and return whether it does. */
-static int explain_shape(const kernel *k, int i, PyObject *argument)
+/* Return whether the shape of argument i ends with its extents. */
+static int ends_with_extents(const kernel *k, int i, PyArrayObject *array)
 {
-    PyArrayObject *const array = (PyArrayObject *)PyArray_FROM_O(argument);
-    if (array == NULL) {
-        PyErr_Clear();
-        return 0;
-    }
-    const int leading = PyArray_NDIM(array) - k->rank[i]; /* dimensions of the stack, before those of the argument */
+    const int leading = leading_of(k, i, array);
     int fits = leading >= 0;
     for (int d = 0; d < k->rank[i] && fits; ++d) {
         fits = PyArray_DIM(array, leading + d) == k->extent[i][d];
     }
-    PyObject *const shape = fits ? NULL : PyObject_GetAttrString((PyObject *)array, "shape");
+    return fits;
+}
+
+/* Return the text of the shapes that argument i may have: "..., 6, 7". */
+static PyObject *expected_text(const kernel *k, int i)
+{
+    PyObject *text = PyUnicode_FromString("...");
+    for (int d = 0; d < k->rank[i] && text != NULL; ++d) {
+        Py_SETREF(text, PyUnicode_FromFormat("%U, %zd", text, (Py_ssize_t)k->extent[i][d]));
+    }
+    return text;
+}
+
+/* Set an error if the shape of argument i does not end with its extents, and return whether it does not. */
+static int explain_shape(const kernel *k, int i, PyObject *argument)
+{
+    PyArrayObject *const array = array_of(argument);
+    if (array == NULL) {
+        return 0;
+    }
+    PyObject *shape = NULL;
+    if (!ends_with_extents(k, i, array)) {
+        shape = PyObject_GetAttrString((PyObject *)array, "shape");
+    }
     Py_DECREF(array);
     if (shape == NULL) {
         return 0;
     }
-    PyObject *expected = PyUnicode_FromString("...");
-    for (int d = 0; d < k->rank[i] && expected != NULL; ++d) {
-        Py_SETREF(expected, PyUnicode_FromFormat("%U, %zd", expected, (Py_ssize_t)k->extent[i][d]));
-    }
+    PyObject *const expected = expected_text(k, i);
     if (expected != NULL) {
         PyErr_Format(
             PyExc_ValueError, "%s(): %s has the shape %S, expected (%U)", k->name, k->argument[i], shape, expected);
@@ -2474,7 +2519,10 @@ static int explain_shape(const kernel *k, int i, PyObject *argument)
     return 1;
 }
 
-/* Replace NumPy's error about a missing argument or a wrong shape by one that names the argument. */
+/*
+ * Replace NumPy's error about a missing argument or a wrong shape by one that names the argument. args: the count
+ * arguments by position. Return NULL.
+ */
 static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t count)
 {
     if (PyErr_ExceptionMatches(PyExc_TypeError) && count < k->inputs) {
@@ -2484,13 +2532,14 @@ static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t coun
     if (!PyErr_ExceptionMatches(PyExc_ValueError)) {
         return NULL;
     }
-    PyObject *type, *value, *traceback;
+    PyObject *type, *value, *traceback; /* NumPy's error */
     PyErr_Fetch(&type, &value, &traceback);
     int explained = 0;
     for (int i = 0; i < k->inputs && i < count && !explained; ++i) {
         explained = explain_shape(k, i, args[i]);
     }
-    if (explained || explain_leading(k, args, count)) {
+    explained = explained || explain_leading(k, args, count);
+    if (explained) {
         Py_XDECREF(type);
         Py_XDECREF(value);
         Py_XDECREF(traceback);
@@ -2505,7 +2554,7 @@ static PyObject *explain(const kernel *k, PyObject *const *args, Py_ssize_t coun
 static PyObject *argument_names[KERNELS][MAX_OPERANDS];
 static vectorcallfunc numpys_call; /* NumPy's own call, the same for every ufunc */
 
-/* Return the index of an argument by its name, or -1 for NumPy's own (out, where, ...). */
+/* Return the index of an argument by its name, or -1 for NumPy's own keywords (out, where, ...). */
 static int argument_place(const kernel *k, PyObject *name)
 {
     PyObject *const *const names = argument_names[k - kernels];
@@ -2584,58 +2633,77 @@ static PyObject *checked_call(const kernel *k, PyObject *self, PyObject *const *
     return result;
 }
 
+enum { MAX_OTHERS = 16 };
+
+/* Values of a call by position: a function's arguments in order, then those of NumPy's own keywords (out, where). */
+typedef struct {
+    PyObject *value[MAX_OPERANDS + MAX_OTHERS];
+    PyObject *other[MAX_OTHERS]; /* NumPy's own keywords */
+    Py_ssize_t others;
+} ordered_call;
+
+/* Put values in order, the first `count` by position, the others by name. Return 0, with an error, for one twice. */
+static int order_values(const kernel *k, PyObject *const *args, Py_ssize_t count, PyObject *keywords, ordered_call *c)
+{
+    for (Py_ssize_t i = 0; i < count; ++i) {
+        c->value[i] = args[i];
+    }
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(keywords); ++i) {
+        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
+        const int place = argument_place(k, name);
+        if (place < 0) {
+            c->value[k->inputs + c->others] = args[count + i];
+            c->other[c->others++] = name;
+        } else if (c->value[place] != NULL) {
+            argument_error(k, "got several values for", k->argument[place]);
+            return 0;
+        } else {
+            c->value[place] = args[count + i];
+        }
+    }
+    return 1;
+}
+
+/* Call a ufunc with values in order. Return NULL, with an error, if one lacks. */
+static PyObject *ordered_result(const kernel *k, PyObject *self, const ordered_call *c)
+{
+    PyObject *names = NULL;
+    for (int i = 0; i < k->inputs; ++i) {
+        if (c->value[i] == NULL) {
+            return argument_error(k, "lacks", k->argument[i]);
+        }
+    }
+    if (c->others > 0) {
+        names = PyTuple_New(c->others);
+        if (names == NULL) {
+            return NULL;
+        }
+    }
+    for (Py_ssize_t i = 0; i < c->others; ++i) {
+        PyTuple_SET_ITEM(names, i, Py_NewRef(c->other[i]));
+    }
+    PyObject *const result = checked_call(k, self, c->value, (size_t)k->inputs, names);
+    Py_XDECREF(names);
+    return result;
+}
+
 /* Call a ufunc with named arguments. NumPy's call takes a function's arguments only by position: put them in order. */
 static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
 {
-    enum { MAX_OTHERS = 16 };
     const kernel *const k = (const kernel *)((PyUFuncObject *)self)->data[0];
     if (keywords == NULL) {
         return checked_call(k, self, args, flags, NULL);
     }
     const Py_ssize_t count = PyVectorcall_NARGS(flags), named = PyTuple_GET_SIZE(keywords);
-    PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
-    PyObject *others[MAX_OTHERS];
-    Py_ssize_t left = 0;
+    ordered_call c = {{NULL}, {NULL}, 0};
     if (count > k->inputs || named > MAX_OTHERS) { /* NumPy finds the words for these */
         return checked_call(k, self, args, flags, keywords);
     }
-    for (Py_ssize_t i = 0; i < count; ++i) {
-        ordered[i] = args[i];
+    if (!order_values(k, args, count, keywords, &c)) {
+        return NULL;
     }
-    /* Arguments of the function go to their places; NumPy's own keywords (out, where) are kept behind them. */
-    for (Py_ssize_t i = 0; i < named; ++i) {
-        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
-        const int place = argument_place(k, name);
-        if (place < 0) {
-            ordered[k->inputs + left] = args[count + i];
-            others[left++] = name;
-        } else if (ordered[place] != NULL) {
-            return argument_error(k, "got several values for", k->argument[place]);
-        } else {
-            ordered[place] = args[count + i];
-        }
-    }
-    if (left == named) {
-        return checked_call(k, self, args, flags, keywords);
-    }
-    for (int i = 0; i < k->inputs; ++i) {
-        if (ordered[i] == NULL) {
-            return argument_error(k, "lacks", k->argument[i]);
-        }
-    }
-    PyObject *rest = NULL;
-    if (left > 0) {
-        rest = PyTuple_New(left);
-        for (Py_ssize_t i = 0; rest != NULL && i < left; ++i) {
-            PyTuple_SET_ITEM(rest, i, Py_NewRef(others[i]));
-        }
-        if (rest == NULL) {
-            return NULL;
-        }
-    }
-    PyObject *const result = checked_call(k, self, ordered, (size_t)k->inputs, rest);
-    Py_XDECREF(rest);
-    return result;
+    const int all_are_numpys = c.others == named;
+    return all_are_numpys ? checked_call(k, self, args, flags, keywords) : ordered_result(k, self, &c);
 }
 
 /* Make a ufunc accept its arguments by name, and list the names in the module's ARGUMENTS. */
@@ -3163,7 +3231,10 @@ enum {
 
 /* Controller for Python: structs pass as buffers, and lists tell their layout. */
 
-/* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
+/*
+ * Return a buffer that holds at least `count` structs of a size, or NULL with an exception. A function may look at all
+ * of its buffers before it returns: each sets the same exception.
+ */
 static void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
 {
     if (count < 0 || (size_t)buffer->len / size < (size_t)count || (uintptr_t)buffer->buf % sizeof(double) != 0) {
@@ -3181,9 +3252,9 @@ static PyObject *default_config(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
+    config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_impedance_default_config((config_t *)c);
+        iiwa14_impedance_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3198,12 +3269,11 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &torque)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
-    const void *tau = s != NULL ? structs(&torque, MOTORS * sizeof(double), 1) : NULL;
-    if (tau != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_init(
-            (const config_t *)c, (state_t *)s, (const double *)tau));
+    const config_t *const c = structs(&config, sizeof *c, 1);
+    state_t *const s = structs(&state, sizeof *s, 1);
+    const double *const tau = structs(&torque, MOTORS * sizeof *tau, 1);
+    if (c != NULL && s != NULL && tau != NULL) {
+        result = PyLong_FromLong(iiwa14_impedance_init(c, s, tau));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);
@@ -3220,9 +3290,9 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &state)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(state_t), 1);
+    state_t *const s = structs(&state, sizeof *s, 1);
     if (s != NULL) {
-        result = PyLong_FromLong(iiwa14_impedance_reset((state_t *)s));
+        result = PyLong_FromLong(iiwa14_impedance_reset(s));
     }
     PyBuffer_Release(&state);
     return result;
@@ -3238,14 +3308,14 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*w*n", &state, &inputs, &outputs, &count)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(state_t), 1);
-    void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
-    void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
-    if (out != NULL) {
+    state_t *const s = structs(&state, sizeof *s, 1);
+    const input_t *const in = structs(&inputs, sizeof *in, count);
+    output_t *const out = structs(&outputs, sizeof *out, count);
+    if (s != NULL && in != NULL && out != NULL) {
         int code = IIWA14_OK;
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count && code == IIWA14_OK; ++k) {
-            code = iiwa14_impedance_step((state_t *)s, (const input_t *)in + k, (output_t *)out + k);
+            code = iiwa14_impedance_step(s, in + k, out + k);
         }
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
@@ -3256,7 +3326,7 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     return result;
 }
 
-/* Describe the fault or the refusal of an output. */
+/* Describe an output in the words that a function of the controller writes: argument (output). */
 static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, char *, size_t))
 {
     Py_buffer output;
@@ -3264,9 +3334,9 @@ static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, ch
     if (!PyArg_ParseTuple(arguments, "y*", &output)) {
         return NULL;
     }
-    const void *out = structs(&output, sizeof(output_t), 1);
+    const output_t *const out = structs(&output, sizeof *out, 1);
     if (out != NULL) {
-        write((const output_t *)out, text, sizeof text);
+        write(out, text, sizeof text);
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
@@ -3302,7 +3372,7 @@ static PyMethodDef controller_methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* Add a list or table to the module; steals the reference. */
+/* Add a list or table to the module; steals the reference. Return -1 without one, too: its error is set. */
 static int add(PyObject *module, const char *name, PyObject *list)
 {
     const int error = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
@@ -3310,6 +3380,7 @@ static int add(PyObject *module, const char *name, PyObject *list)
     return error ? -1 : 0;
 }
 
+/* Append an item to a list; steals the reference. Return -1 without an item, too: its error is set. */
 static int append(PyObject *list, PyObject *item)
 {
     const int error = item == NULL || PyList_Append(list, item) < 0;
@@ -3336,12 +3407,14 @@ static PyObject *list_fields(void)
     for (int i = 0; list != NULL && i < FIELDS; ++i) {
         const field *const f = &fields[i];
         PyObject *const shape = PyTuple_New(f->rank);
+        PyObject *item = NULL;
         for (int k = 0; shape != NULL && k < f->rank; ++k) {
             PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
         }
-        PyObject *const item = shape == NULL ? NULL
-            : Py_BuildValue("(sssnNNss)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
+        if (shape != NULL) { /* N: BuildValue takes over the reference */
+            item = Py_BuildValue("(sssnNNss)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
                 PyBool_FromLong(f->unbounded), f->unit, f->heading);
+        }
         if (append(list, item) < 0) {
             Py_CLEAR(list);
         }
@@ -3398,9 +3471,9 @@ static PyObject *follow_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(follow_config_t), 1);
+    follow_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_follow_default_config((follow_config_t *)c);
+        iiwa14_follow_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3415,11 +3488,11 @@ static PyObject *follow_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &q)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(follow_config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(follow_state_t), 1) : NULL;
-    const void *x = s != NULL ? structs(&q, MOTORS * sizeof(double), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(iiwa14_follow_init((const follow_config_t *)c, (follow_state_t *)s, (const double *)x));
+    const follow_config_t *const c = structs(&config, sizeof *c, 1);
+    follow_state_t *const s = structs(&state, sizeof *s, 1);
+    const double *const positions = structs(&q, MOTORS * sizeof *positions, 1);
+    if (c != NULL && s != NULL && positions != NULL) {
+        result = PyLong_FromLong(iiwa14_follow_init(c, s, positions));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);
@@ -3437,14 +3510,14 @@ static PyObject *follow_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "nw*y*w*", &count, &state, &input, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(follow_state_t), 1);
-    const follow_input_t *in = s != NULL ? structs(&input, sizeof(follow_input_t), count) : NULL;
-    follow_output_t *out = in != NULL ? structs(&output, sizeof(follow_output_t), count) : NULL;
-    if (out != NULL) {
+    follow_state_t *const s = structs(&state, sizeof *s, 1);
+    const follow_input_t *const in = structs(&input, sizeof *in, count);
+    follow_output_t *const out = structs(&output, sizeof *out, count);
+    if (s != NULL && in != NULL && out != NULL) {
         int error = 0;
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count; ++k) {
-            const int code = iiwa14_follow_step((follow_state_t *)s, in + k, out + k);
+            const int code = iiwa14_follow_step(s, in + k, out + k);
             error = code != 0 ? code : error;
         }
         Py_END_ALLOW_THREADS
@@ -3488,9 +3561,9 @@ static PyObject *policy_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(policy_config_t), 1);
+    policy_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_policy_default_config((policy_config_t *)c);
+        iiwa14_policy_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3506,12 +3579,11 @@ static PyObject *policy_start(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*y*d", &state, &config, &poses, &now)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    const void *c = s != NULL ? structs(&config, sizeof(policy_config_t), 1) : NULL;
-    const void *x = c != NULL ? structs(&poses, sizeof(((policy_output_t *)NULL)->pose), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(
-            iiwa14_policy_start((policy_state_t *)s, (const policy_config_t *)c, (const double *)x, now));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    const policy_config_t *const c = structs(&config, sizeof *c, 1);
+    const double *const entries = structs(&poses, 16 * TIPS * sizeof *entries, 1);
+    if (s != NULL && c != NULL && entries != NULL) {
+        result = PyLong_FromLong(iiwa14_policy_start(s, c, entries, now));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&config);
@@ -3529,10 +3601,10 @@ static PyObject *policy_propose(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*d", &state, &proposal, &now)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    const void *p = s != NULL ? structs(&proposal, sizeof(policy_proposal_t), 1) : NULL;
-    if (p != NULL) {
-        result = PyLong_FromLong(iiwa14_policy_propose((policy_state_t *)s, (const policy_proposal_t *)p, now));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    const policy_proposal_t *const proposed = structs(&proposal, sizeof *proposed, 1);
+    if (s != NULL && proposed != NULL) {
+        result = PyLong_FromLong(iiwa14_policy_propose(s, proposed, now));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&proposal);
@@ -3549,10 +3621,10 @@ static PyObject *policy_command(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*dw*", &state, &now, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    void *out = s != NULL ? structs(&output, sizeof(policy_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_policy_command((policy_state_t *)s, now, (policy_output_t *)out));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    policy_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && out != NULL) {
+        result = PyLong_FromLong(iiwa14_policy_command(s, now, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&output);
@@ -3602,12 +3674,15 @@ static PyObject *joint_gains(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
         return NULL;
     }
-    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
-    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
-    if (y != NULL) {
-        const double *const limits = x + 5 * N + 2 * N * N;
-        result = PyLong_FromLong(iiwa14_joint_gains(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
+    const double *const q = structs(&numbers, (7 * N + 2 * N * N) * sizeof *q, 1);
+    double *const tau_ff = structs(&results, 3 * N * sizeof *tau_ff, 1);
+    if (q != NULL && tau_ff != NULL) { /* each argument begins where the one before it ends */
+        const double *const dq = q + N, *const q_des = dq + N, *const dq_des = q_des + N, *const torque = dq_des + N;
+        const double *const joint_stiffness = torque + N, *const damping = joint_stiffness + N * N;
+        const double *const kp_limit = damping + N * N, *const kd_limit = kp_limit + N;
+        double *const kp = tau_ff + N, *const kd = kp + N;
+        result = PyLong_FromLong(iiwa14_joint_gains(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit,
+            kd_limit, tau_ff, kp, kd));
     }
     PyBuffer_Release(&numbers);
     PyBuffer_Release(&results);
@@ -3625,10 +3700,11 @@ static PyObject *late_work(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
         return NULL;
     }
-    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
-    if (x != NULL) {
-        result = PyFloat_FromDouble(iiwa14_late_work(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N, x + 6 * N,
-            hold));
+    const double *const q = structs(&numbers, 7 * N * sizeof *q, 1);
+    if (q != NULL) {
+        const double *const q_des = q + N, *const dq_des = q_des + N, *const tau_ff = dq_des + N;
+        const double *const kp = tau_ff + N, *const kd = kp + N, *const velocity_limit = kd + N;
+        result = PyFloat_FromDouble(iiwa14_late_work(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold));
     }
     PyBuffer_Release(&numbers);
     return result;
@@ -3652,23 +3728,23 @@ static int add_gains(PyObject *module)
  * None. Return the error's code. */
 static PyObject *find_posture(PyObject *module, PyObject *arguments)
 {
-    enum { N = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
+    enum { POSTURE = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
     Py_buffer numbers, bounds, posture;
     PyObject *result = NULL;
     (void)module;
     if (!PyArg_ParseTuple(arguments, "y*z*w*", &numbers, &bounds, &posture)) {
         return NULL;
     }
-    const double *x = structs(&numbers, (2 * POSES + N) * sizeof(double), 1), *limits = NULL;
-    double *y = x != NULL ? structs(&posture, N * sizeof(double), 1) : NULL;
-    if (y != NULL && bounds.buf != NULL) {
-        limits = structs(&bounds, 2 * N * sizeof(double), 1);
-        y = limits != NULL ? y : NULL;
-    }
-    if (y != NULL) {
+    const int is_bounded = bounds.buf != NULL;
+    const double *const poses = structs(&numbers, (2 * POSES + POSTURE) * sizeof *poses, 1);
+    const double *const lower = is_bounded ? structs(&bounds, 2 * POSTURE * sizeof *lower, 1) : NULL;
+    double *const found = structs(&posture, POSTURE * sizeof *found, 1);
+    if (poses != NULL && found != NULL && (!is_bounded || lower != NULL)) {
+        const double *const tools = poses + POSES, *const start = tools + POSES;
+        const double *const upper = is_bounded ? lower + POSTURE : NULL;
         int code = 0;
         Py_BEGIN_ALLOW_THREADS
-        code = iiwa14_find_posture(x, x + POSES, x + 2 * POSES, limits, limits != NULL ? limits + N : NULL, y);
+        code = iiwa14_find_posture(poses, tools, start, lower, upper, found);
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
     }
@@ -3708,9 +3784,9 @@ static PyObject *settle_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(settle_config_t), 1);
+    settle_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_settle_default_config((settle_config_t *)c);
+        iiwa14_settle_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3725,12 +3801,11 @@ static PyObject *settle_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(settle_config_t), 1);
-    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
-    void *s = k != NULL ? structs(&state, sizeof(settle_state_t), 1) : NULL;
-    if (s != NULL) {
-        result = PyLong_FromLong(
-            iiwa14_settle_init((const settle_config_t *)c, (const config_t *)k, (settle_state_t *)s));
+    const settle_config_t *const own = structs(&config, sizeof *own, 1);
+    const config_t *const of_controller = structs(&controller, sizeof *of_controller, 1);
+    settle_state_t *const s = structs(&state, sizeof *s, 1);
+    if (own != NULL && of_controller != NULL && s != NULL) {
+        result = PyLong_FromLong(iiwa14_settle_init(own, of_controller, s));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&controller);
@@ -3747,14 +3822,13 @@ static PyObject *settle_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(settle_state_t), 1);
-    const void *in = s != NULL ? structs(&input, sizeof(settle_input_t), 1) : NULL;
-    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
-    const int good = in != NULL && (before != NULL || last.buf == NULL);
-    void *out = good ? structs(&output, sizeof(settle_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_settle_step(
-            (settle_state_t *)s, (const settle_input_t *)in, (const output_t *)before, (settle_output_t *)out));
+    const int is_first = last.buf == NULL; /* no output of the controller yet */
+    settle_state_t *const s = structs(&state, sizeof *s, 1);
+    const settle_input_t *const in = structs(&input, sizeof *in, 1);
+    const output_t *const before = is_first ? NULL : structs(&last, sizeof *before, 1);
+    settle_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && in != NULL && (is_first || before != NULL) && out != NULL) {
+        result = PyLong_FromLong(iiwa14_settle_step(s, in, before, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&input);
@@ -3795,9 +3869,9 @@ static PyObject *press_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(press_config_t), 1);
+    press_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_press_default_config((press_config_t *)c);
+        iiwa14_press_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3812,12 +3886,11 @@ static PyObject *press_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(press_config_t), 1);
-    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
-    void *s = k != NULL ? structs(&state, sizeof(press_state_t), 1) : NULL;
-    if (s != NULL) {
-        result = PyLong_FromLong(
-            iiwa14_press_init((const press_config_t *)c, (const config_t *)k, (press_state_t *)s));
+    const press_config_t *const own = structs(&config, sizeof *own, 1);
+    const config_t *const of_controller = structs(&controller, sizeof *of_controller, 1);
+    press_state_t *const s = structs(&state, sizeof *s, 1);
+    if (own != NULL && of_controller != NULL && s != NULL) {
+        result = PyLong_FromLong(iiwa14_press_init(own, of_controller, s));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&controller);
@@ -3834,14 +3907,13 @@ static PyObject *press_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(press_state_t), 1);
-    const void *in = s != NULL ? structs(&input, sizeof(press_input_t), 1) : NULL;
-    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
-    const int good = in != NULL && (before != NULL || last.buf == NULL);
-    void *out = good ? structs(&output, sizeof(press_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_press_step(
-            (press_state_t *)s, (const press_input_t *)in, (const output_t *)before, (press_output_t *)out));
+    const int is_first = last.buf == NULL; /* no output of the controller yet */
+    press_state_t *const s = structs(&state, sizeof *s, 1);
+    const press_input_t *const in = structs(&input, sizeof *in, 1);
+    const output_t *const before = is_first ? NULL : structs(&last, sizeof *before, 1);
+    press_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && in != NULL && (is_first || before != NULL) && out != NULL) {
+        result = PyLong_FromLong(iiwa14_press_step(s, in, before, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&input);
@@ -3882,9 +3954,9 @@ static PyObject *paper_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(paper_config_t), 1);
+    paper_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        iiwa14_paper_default_config((paper_config_t *)c);
+        iiwa14_paper_default_config(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -3899,9 +3971,9 @@ static PyObject *paper_validate(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*", &config)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    const paper_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_validate((const paper_config_t *)c));
+        result = PyLong_FromLong(iiwa14_paper_validate(c));
     }
     PyBuffer_Release(&config);
     return result;
@@ -3916,13 +3988,12 @@ static PyObject *paper_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(paper_state_t), 1) : NULL;
-    const void *in = s != NULL ? structs(&input, sizeof(paper_input_t), 1) : NULL;
-    void *out = in != NULL ? structs(&output, sizeof(paper_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(iiwa14_paper_step((const paper_config_t *)c, (paper_state_t *)s,
-            (const paper_input_t *)in, (paper_output_t *)out));
+    const paper_config_t *const c = structs(&config, sizeof *c, 1);
+    paper_state_t *const s = structs(&state, sizeof *s, 1);
+    const paper_input_t *const in = structs(&input, sizeof *in, 1);
+    paper_output_t *const out = structs(&output, sizeof *out, 1);
+    if (c != NULL && s != NULL && in != NULL && out != NULL) {
+        result = PyLong_FromLong(iiwa14_paper_step(c, s, in, out));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);

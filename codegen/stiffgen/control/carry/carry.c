@@ -8,17 +8,20 @@ static const double WAITING = 0.9;          /* share of LEFT from which it count
 static const double WAITED = 0.3;           /* [s] after which the rest of the way is out of reach */
 static const double THERE = 1e-9;           /* [s] at full speed */
 
-/* Compute the pose a b. */
+/* Compute the pose a b: that of a frame whose pose in the frame of a is b. */
 static void place(const double *a, const double *b, double *pose)
 {
-    for (int k = 0; k < 12; ++k) {
-        const double *const row = a + k / 4 * 4, column[3] = {b[k % 4], b[4 + k % 4], b[8 + k % 4]};
-        pose[k] = dot(3, row, column) + (k % 4 == 3 ? row[3] : 0.0);
+    for (int i = 0; i < 3; ++i) {
+        const double *const row = a + 4 * i;
+        for (int j = 0; j < 4; ++j) {
+            const double column[3] = {b[j], b[4 + j], b[8 + j]};
+            pose[4 * i + j] = dot(3, row, column) + (j == 3 ? row[3] : 0.0);
+        }
     }
     memcpy(pose + 12, a + 12, 4 * sizeof *pose);
 }
 
-/* Compute how far each tip is off its place (TIPS), over LEFT; return the largest. */
+/* Compute how far each tip, at `here`, is off its place, over LEFT: 1 stops the object. Return the largest. */
 static double find_lag(const state_t *s, const double *here, double *lag)
 {
     double most = 0.0, twist[6];
@@ -36,8 +39,8 @@ static int hold(state_t *s, const double *here, const double *grasp)
     double inverse[16] = {0.0}, object[16];
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) {
-            inverse[4 * i + j] = grasp[4 * j + i]; /* R^T, and -R^T p */
-            inverse[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3];
+            inverse[4 * i + j] = grasp[4 * j + i]; /* R^T */
+            inverse[4 * i + 3] -= grasp[4 * j + i] * grasp[4 * j + 3]; /* -R^T p */
         }
     }
     place(here, inverse, object);
@@ -73,33 +76,47 @@ static int take_object(state_t *s, const input_t *input, const double *lag)
     return s->held;
 }
 
-/* Move the object towards its goal for a sample; lag: the tips' largest, from 1 on it stops. Speeds: shares of full. */
-static void advance(state_t *s, double lag)
+/*
+ * Compute the object's full speeds v [m/s] and w [rad/s]: a tip at the longest lever then moves at SPARE of its own
+ * limits. Both are the same share of those, share (v_limit + lever w_limit) = SPARE v_limit.
+ */
+static void find_full_speeds(const state_t *s, double *full)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / c->ramp_time;
-    double rest[6], step[6], lever = 0.0;
+    double lever = 0.0; /* [m] */
     for (int t = 0; t < TIPS; ++t) {
-        const double *const g = s->grasp + 16 * t, origin[3] = {g[3], g[7], g[11]};
+        const double *const grasp = s->grasp + 16 * t, origin[3] = {grasp[3], grasp[7], grasp[11]};
         lever = larger(lever, norm(3, origin));
     }
-    /* At full speed a tip at the longest lever moves at SPARE of its limit v: share (v + lever w) = SPARE v. */
     const double share = SPARE / (1.0 + lever * c->tip_rotation_limit / c->tip_velocity_limit);
-    const double full[2] = {share * c->tip_velocity_limit, share * c->tip_rotation_limit};
+    full[0] = share * c->tip_velocity_limit;
+    full[1] = share * c->tip_rotation_limit;
+}
+
+/* Return a twist over the full speeds, the larger part: of a way a time [s], of a velocity a share. */
+static double over_speeds(const double *twist, const double *full)
+{
+    return larger(norm(3, twist) / full[0], norm(3, twist + 3) / full[1]);
+}
+
+/* Move the object towards its goal for a sample. lag: the tips' largest; from 1 on the object stops. */
+static void advance(state_t *s, double lag)
+{
+    const double T = s->config.sample_time, slope = T / s->config.ramp_time;
+    double full[2], rest[6], step[6], wanted[3];
+    find_full_speeds(s, full);
     compare_pose(s->object, s->goal, rest);
-    const double way = larger(norm(3, rest) / full[0], norm(3, rest + 3) / full[1]); /* [s] at full speed */
-    const double last = larger(norm(3, s->carried) / full[0], norm(3, s->carried + 3) / full[1]);
-    const double most = smaller(clamp(1.0 - lag, 0.0, 1.0), last + slope);
-    const double speed = smaller(most, stopping_speed(way, slope, T));
-    for (int r = 0; r < 6; r += 3) {
-        double change[3];
+    const double way = over_speeds(rest, full); /* [s] */
+    const double most = smaller(clamp(1.0 - lag, 0.0, 1.0), over_speeds(s->carried, full) + slope);
+    const double speed = smaller(most, stopping_speed(way, slope, T)); /* share of full speed */
+    for (int part = 0; part < 2; ++part) { /* translation, rotation */
+        double *const velocity = s->carried + 3 * part;
         for (int i = 0; i < 3; ++i) {
-            change[i] = (way > THERE ? rest[r + i] * speed / way : 0.0) - s->carried[r + i];
+            wanted[i] = way > THERE ? rest[3 * part + i] * speed / way : 0.0;
         }
-        const double jump = larger(norm(3, change) / (full[r / 3] * BRAKES * slope), 1.0);
+        change_velocity(wanted, full[part] * BRAKES * slope, velocity);
         for (int i = 0; i < 3; ++i) {
-            s->carried[r + i] += change[i] / jump;
-            step[r + i] = T * s->carried[r + i];
+            step[3 * part + i] = T * velocity[i];
         }
     }
     move_pose(step, s->object);
@@ -110,7 +127,7 @@ static void advance(state_t *s, double lag)
 int carry(state_t *s, const input_t *input, output_t *out)
 {
     double here[16 * TIPS], lag[TIPS], wanted[16], twist[6];
-    input_t each = *input;
+    input_t each = *input; /* what each tip follows by itself */
     stiffgen_poses(s->q, stiffgen_kept_tool(s), here);
     const double most = find_lag(s, here, lag);
     const int good = take_object(s, input, lag); /* else the last good command stays in force */
@@ -122,7 +139,7 @@ int carry(state_t *s, const input_t *input, output_t *out)
         place(s->object, s->grasp + 16 * t, each.pose + 16 * t);
     }
     const int result = follow(s, &each, out);
-    for (int t = 0; t < TIPS && s->held; ++t) { /* of the goal, not of the way */
+    for (int t = 0; t < TIPS && s->held; ++t) { /* the error to the goal, not to the place on the way */
         place(s->goal, s->grasp + 16 * t, wanted);
         compare_pose(here + 16 * t, wanted, twist);
         out->error[2 * t] = norm(3, twist);

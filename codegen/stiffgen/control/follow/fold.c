@@ -9,7 +9,7 @@ static const double RATE = 20.0;     /* [1/s] at which the margin is reached */
 static const double AHEAD = 1e-4;    /* [rad] of the difference that tells how the tips' motion bends */
 static const double FLAT = 0.05;     /* [m] of bend below which there is no fold, as in a wrist; from twice on, all */
 
-/* Improve the joints' motion v (norm 1) that moves the tips least, by an inverse iteration on the shorter side of J. */
+/* Improve the joints' motion v (norm 1) that moves the tips least: an inverse iteration on J J^T, or on J^T J. */
 static void find_weakest(const double *J, double *weakest, double *v)
 {
     double A[SHORT * SHORT], L[SHORT * SHORT];
@@ -24,53 +24,69 @@ static void find_weakest(const double *J, double *weakest, double *v)
     }
     find_triangle(SHORT, A, L);
     solve_triangles(SHORT, L, weakest);
-    const double size = norm(SHORT, weakest);
-    for (int k = 0; k < SHORT; ++k) {
-        weakest[k] /= size;
-    }
+    divide(SHORT, norm(SHORT, weakest), weakest);
     for (int i = 0; i < N; ++i) {
         v[i] = WIDE ? 0.0 : weakest[i];
         for (int k = 0; k < SHORT && WIDE; ++k) {
             v[i] += J[k * N + i] * weakest[k];
         }
     }
-    const double length = larger(norm(N, v), DBL_MIN);
-    for (int i = 0; i < N; ++i) {
-        v[i] /= length;
-    }
+    divide(N, larger(norm(N, v), DBL_MIN), v);
 }
 
 /*
- * Keep a margin to a fold. Along v, by x, the tips go value x + bend x^2 / 2 in the direction u, so at most
- * value^2 / (2 bend) farther out. With the goal beyond that, or well inside, the arm goes no nearer to the fold.
+ * Fold near the arm, at value = 0. Along v, away from it, by x [rad] the tips go value x + bend x^2 / 2 in a direction
+ * u, which is that of the bend: on the arm's branch both are positive.
  */
-void keep_margin(state_t *s, const step_t *k, double *velocity)
+typedef struct {
+    double v[N], value, bend, goal; /* [1] of norm 1, [m/rad], [m/rad^2], [m] from here to the goal along u */
+} fold_t;
+
+/* Look for a fold, by the motion v that moves the tips least, here and AHEAD along it. Return whether one is near. */
+static int find_fold(state_t *s, const step_t *k, fold_t *fold)
 {
-    double v[N], q[N], J[ROWS * N], here[ROWS], ahead[ROWS], toward = 0.0;
+    double q[N], J[ROWS * N], here[ROWS], ahead[ROWS], to_posture = 0.0, *const v = fold->v;
     find_weakest(k->J, s->weakest, v);
     multiply(k->J, v, here);
     if (norm(ROWS, here) > NEAR_FOLD) {
-        return;
+        return 0;
     }
     for (int i = 0; i < N; ++i) {
         q[i] = s->q[i] + AHEAD * v[i];
-        toward += v[i] * (s->posture[i] - s->q[i]);
+        to_posture += v[i] * (s->posture[i] - s->q[i]);
     }
     weighed_jacobian(q, k->tool, J);
     multiply(J, v, ahead);
-    const double *const u = norm(ROWS, here) > norm(ROWS, ahead) ? here : ahead;
-    double value = dot(ROWS, u, here) / norm(ROWS, u), goal = dot(ROWS, u, k->rest) / norm(ROWS, u);
-    double bend = (dot(ROWS, u, ahead) / norm(ROWS, u) - value) / AHEAD;
-    const int unclear = fabs(value) < SIDE && fabs(toward) > NEARBY;
-    const double side = (unclear ? toward : value * bend) < 0.0 ? -1.0 : 1.0; /* of v */
-    value *= side * copysign(1.0, bend);
-    goal *= copysign(1.0, bend);
-    bend = larger(fabs(bend), DBL_EPSILON);
-    const double inside = goal + value * value / (2.0 * bend);
-    const double margin = MARGIN * smaller(bend / FLAT - 1.0, 1.0), rate = RATE * s->push;
-    const double push = rate * (margin - value) / bend - side * dot(N, v, velocity);
-    const int bound = bend > FLAT && (inside < 0.0 || (value < SIDE && 2.0 * bend * inside > MARGIN * MARGIN));
-    for (int i = 0; i < N && push > 0.0 && bound; ++i) {
-        velocity[i] = clamp(velocity[i] + side * push * v[i], k->low[i], k->high[i]);
+    const double *const longer = norm(ROWS, here) > norm(ROWS, ahead) ? here : ahead; /* along u */
+    const double length = norm(ROWS, longer), value = dot(ROWS, longer, here) / length;
+    const double bend = (dot(ROWS, longer, ahead) / length - value) / AHEAD;
+    const int posture_tells = fabs(value) < SIDE && fabs(to_posture) > NEARBY;
+    const double away = (posture_tells ? to_posture : value * bend) < 0.0 ? -1.0 : 1.0; /* sign of v */
+    divide(N, away, v);
+    fold->value = value * (away * copysign(1.0, bend));
+    fold->bend = larger(fabs(bend), DBL_EPSILON);
+    fold->goal = dot(ROWS, longer, k->rest) / length * copysign(1.0, bend);
+    return fold->bend > FLAT;
+}
+
+/*
+ * Keep a margin to a fold, unless the goal itself is nearer. Against u the tips go at most value^2 / (2 bend) farther,
+ * up to value = 0. A goal `inside` of there by so much [m] has the value sqrt(2 bend inside).
+ */
+void keep_margin(state_t *s, const step_t *k, double *velocity)
+{
+    fold_t fold;
+    if (!find_fold(s, k, &fold)) {
+        return;
+    }
+    const double value = fold.value, bend = fold.bend, inside = fold.goal + value * value / (2.0 * bend);
+    const int unreachable = inside < 0.0, well_inside = 2.0 * bend * inside > MARGIN * MARGIN;
+    if (unreachable || (value < SIDE && well_inside)) {
+        const double margin = MARGIN * smaller(bend / FLAT - 1.0, 1.0), rate = RATE * s->push;
+        const double wanted = rate * (margin - value) / bend; /* [rad/s] along v: bend wanted = rate (margin - value) */
+        const double push = wanted - dot(N, fold.v, velocity);
+        for (int i = 0; i < N && push > 0.0; ++i) {
+            velocity[i] = clamp(velocity[i] + push * fold.v[i], k->low[i], k->high[i]);
+        }
     }
 }

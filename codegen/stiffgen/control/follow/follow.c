@@ -20,33 +20,39 @@ static const double FREE = 0.5;         /* share of its velocity limit up to whi
 static const double AT_REST = 1e-4;     /* share of its velocity limit up to which a joint rests */
 static const double SAME = 1e-9;        /* [s] at full speed between poses that are the same */
 
-/* Return the share of full speed that stops within a way [s]: by a ramp, the end exponential, or the arm overshoots. */
-double stopping_speed(double way, double slope, double T)
-{
-    const double settling = 0.5 * T / slope; /* [s] */
-    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
-    return smaller(way / T, speed);
-}
-
 static int is_idle(const state_t *s) { return s->idle * s->config.sample_time > PATIENCE; }
 static int is_stuck(const state_t *s) { return s->stuck * s->config.sample_time > STUCK_TIME || is_idle(s); }
 
-/* Note how much of the asked way the tips went: without progress they are stuck; if they come no nearer, q0 rests. */
-static void watch_progress(state_t *s, double way)
+/* Count calls in which the tips hardly go the way that was asked for. Return whether they move freely, or are there. */
+static int count_stuck(state_t *s, double way, double share)
 {
-    const double T = s->config.sample_time, share = smaller(T / MEAN_TIME, 1.0);
-    s->asked += share * (smaller(T * way_of(&s->config, s->twist), s->way) - s->asked);
+    const double asked = smaller(s->config.sample_time * over_full_speed(&s->config, s->twist), s->way);
+    s->asked += share * (asked - s->asked); /* means over MEAN_TIME */
     s->got += share * (s->way - way - s->got);
-    const int free = s->got > FREED * s->asked, blocked = s->got < PROGRESS * s->asked && s->stuck < LONGEST;
-    s->stuck = free || way < ARRIVED ? 0 : s->stuck + blocked;
+    const int free = s->got > FREED * s->asked || way < ARRIVED, blocked = s->got < PROGRESS * s->asked;
+    s->stuck = free ? 0 : s->stuck + (blocked && s->stuck < LONGEST);
+    return free;
+}
+
+/* Count calls since the least way fell by NEARER; a way by joints ends by itself, and may lead away at first. */
+static void count_idle(state_t *s, double way)
+{
     const int nearer = way < s->least - smaller(NEARER[0] * s->least, NEARER[1]);
-    const int away = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s));
-    if (!s->by_joints) { /* that way ends by itself */
-        s->idle = nearer && s->least > ARRIVED ? 0 : s->idle + away;
+    const int more = way > ARRIVED ? s->idle < LONGEST : -(s->idle > 0 && !is_idle(s)); /* 1, 0 or -1 */
+    if (!s->by_joints) {
+        s->idle = nearer && s->least > ARRIVED ? 0 : s->idle + more;
     }
     s->least = nearer || s->by_joints ? way : s->least;
-    const double more = free || way < ARRIVED ? share : 0.0;
-    s->push = clamp(s->push + (is_stuck(s) ? -share * s->push : more), is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
+}
+
+/* Let the tips slow down where they are stuck, and q0 rest if they come no nearer. way [s]: left by the last call. */
+static void watch_progress(state_t *s, double way)
+{
+    const double share = smaller(s->config.sample_time / MEAN_TIME, 1.0); /* of a call in the means */
+    const double rise = count_stuck(s, way, share) ? share : 0.0;
+    count_idle(s, way);
+    const double change = is_stuck(s) ? -share * s->push : rise;
+    s->push = clamp(s->push + change, is_idle(s) ? 0.0 : LEAST_PUSH, 1.0);
 }
 
 /* Return OK for a pose, of which `clean` is the copy, or what is wrong. */
@@ -56,7 +62,7 @@ static int check_pose(const double *pose, double *clean)
     return clean_pose(pose, clean) ? ID(FOLLOW_OK) : wrong;
 }
 
-/* Adopt what is good of a command: poses with tools, and the posture. Return OK or what is wrong. */
+/* Adopt what is good of a command: poses with tools, all or none, and the posture. Return OK or what is wrong first. */
 static int take_command(state_t *s, const input_t *input, double *goal)
 {
     const config_t *const c = &s->config;
@@ -78,7 +84,7 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     for (int i = 0; i < N; ++i) {
         const double margin = c->limit_distance[i], last = s->posture[i];
         s->posture[i] = clamp(input->posture[i], c->lower_limit[i] + margin, c->upper_limit[i] - margin);
-        if (is_idle(s) && fabs(s->posture[i] - last) > OTHER) {
+        if (is_idle(s) && fabs(s->posture[i] - last) > OTHER) { /* it may lead on: idle tips move again */
             s->stuck = s->idle = 0;
             s->push = 1.0;
         }
@@ -86,63 +92,59 @@ static int take_command(state_t *s, const input_t *input, double *goal)
     return result;
 }
 
-/* Return whether the goal is new; of a motion, a fine stream, it has a velocity, of a coarse stream it is smoothed. */
+/* Adopt the goal: in a fine stream it has a velocity, in a coarse one it is smoothed. Return whether it is new. */
 static int take_goal(state_t *s, const double *goal)
 {
     double moved[ROWS] = {0.0};
     if (memcmp(goal, s->pose, sizeof s->pose) != 0) {
-        compare_poses(s->pose, goal, moved);
+        weighed_twists(s->pose, goal, moved);
     }
     s->age += s->age < LONGEST;
-    const double way = way_of(&s->config, moved), time = s->age * s->config.sample_time;
-    const int fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
-    if (way > SAME) {
-        s->interval = fine || time > COARSE_TIME ? 0.0 : time;
-        s->stuck = fine || s->interval > 0.0 ? s->stuck : 0;
-        s->idle = fine || s->interval > 0.0 ? s->idle : 0;
+    const double way = over_full_speed(&s->config, moved), time = s->age * s->config.sample_time; /* [s] */
+    const int is_new = way > SAME, fine = time <= FINE_TIME && way <= time * (1.0 + SAME);
+    const int coarse = !fine && time <= COARSE_TIME;
+    if (is_new) {
+        if (!fine && !coarse) {
+            s->stuck = s->idle = 0;
+        }
+        s->interval = coarse ? time : 0.0;
         s->least += way; /* a stream that moves makes progress */
         s->period = fine ? s->age : 0;
         s->age = 0;
         s->push = 1.0;
         memcpy(s->pose, goal, sizeof s->pose);
-    } else if (s->age > 2 * s->period) {
+    } else if (s->age > 2 * s->period) { /* the next pose of the fine stream is overdue */
         s->period = 0;
     }
     for (int r = 0; r < ROWS; ++r) {
-        const double old = s->period > 0 ? s->stream[r] : 0.0;
-        s->stream[r] = way > SAME && fine ? moved[r] / time : old;
+        const double last = s->period > 0 ? s->stream[r] : 0.0;
+        s->stream[r] = is_new && fine ? moved[r] / time : last;
     }
     s->interval = s->age * s->config.sample_time > COARSE_TIME ? 0.0 : s->interval;
-    return way > SAME;
+    return is_new;
 }
 
 /* Change the tips' velocity: along with a stream, and straight to the goal, by a ramp that stops there. */
 static void plan_twist(state_t *s, const step_t *k)
 {
     const config_t *const c = &s->config;
-    const double T = c->sample_time, slope = T / ((s->interval > 0.0 ? COARSE_RAMP : 1.0) * c->ramp_time);
-    double rest[ROWS], change[ROWS];
+    const double T = c->sample_time, ramp_time = (s->interval > 0.0 ? COARSE_RAMP : 1.0) * c->ramp_time;
+    const double slope = T / ramp_time; /* change of the share of full speed per sample */
+    double rest[ROWS], wanted[3];
     for (int r = 0; r < ROWS; ++r) {
         rest[r] = k->rest[r] - T * s->stream[r];
     }
-    const double way = way_of(c, rest), smooth = larger(c->smoothing * s->interval, T);
-    const double most = smaller(s->push, way_of(c, s->twist) + slope);
+    const double way = over_full_speed(c, rest), smooth = larger(c->smoothing * s->interval, T); /* [s] */
+    const double most = smaller(s->push, over_full_speed(c, s->twist) + slope);
     const double speed = smaller(smaller(most, way / smooth), stopping_speed(way, slope, T));
     for (int r = 0; r < ROWS; r += 3) { /* each translation and rotation stops by itself: one may lag */
-        const double limit = full_speed(c, r);
-        const double own = norm(3, rest + r) / limit;
-        const double share = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
-        for (int i = r; i < r + 3; ++i) {
-            change[i] = s->stream[i] + rest[i] * share;
+        const double limit = full_speed(c, r), own = norm(3, rest + r) / limit; /* [s] */
+        const double rate = own > 0.0 ? smaller(own * speed / way, stopping_speed(own, slope, T)) / own : 0.0;
+        for (int i = 0; i < 3; ++i) {
+            wanted[i] = s->stream[r + i] + rest[r + i] * rate;
         }
-        const double over = larger(norm(3, change + r) / limit, 1.0);
-        for (int i = r; i < r + 3; ++i) {
-            change[i] = change[i] / over - s->twist[i];
-        }
-        const double jump = larger(norm(3, change + r) / (limit * slope), 1.0);
-        for (int i = r; i < r + 3; ++i) {
-            s->twist[i] += change[i] / jump;
-        }
+        divide(3, larger(norm(3, wanted) / limit, 1.0), wanted);
+        change_velocity(wanted, limit * slope, s->twist + r);
     }
 }
 
@@ -153,42 +155,43 @@ static void bound_each_joint(const state_t *s, step_t *k)
     const double T = c->sample_time, slope = T / (JOINT_RAMP * c->ramp_time);
     for (int i = 0; i < N; ++i) {
         const double most = c->velocity_limit[i], change = slope * most;
-        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0);
+        const double up = larger(c->upper_limit[i] - c->limit_distance[i] - s->q[i], 0.0); /* [rad] room */
         const double down = larger(s->q[i] - c->lower_limit[i] - c->limit_distance[i], 0.0);
-        const double fast = most * smaller(stopping_speed(up / most, slope, T), 1.0);
-        const double slow = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
-        k->high[i] = clamp(clamp(fast, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
-        k->low[i] = clamp(clamp(slow, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
+        const double upward = most * smaller(stopping_speed(up / most, slope, T), 1.0); /* [rad/s] that stops there */
+        const double downward = -most * smaller(stopping_speed(down / most, slope, T), 1.0);
+        k->high[i] = clamp(clamp(upward, s->dq[i] - change, s->dq[i] + change), -down / T, up / T);
+        k->low[i] = clamp(clamp(downward, s->dq[i] - change, s->dq[i] + change), -down / T, k->high[i]);
     }
 }
 
 /* Return whether to go a way by joints to the posture: the tips are stuck, or were, and it has them at the goal. */
-static int takes_posture(const state_t *s, const step_t *k, const double *way)
+static int goes_by_joints(const state_t *s, const step_t *k, const double *way)
 {
     double poses[16 * TIPS], rest[ROWS];
-    if (s->by_joints ? norm(N, way) < AT_REST : !is_stuck(s) || s->way < ARRIVED) {
+    const int ends = norm(N, way) < AT_REST, begins = is_stuck(s) && !(s->way < ARRIVED);
+    if (s->by_joints ? ends : !begins) {
         return 0;
     }
     stiffgen_poses(s->posture, k->tool, poses);
-    compare_poses(poses, s->pose, rest);
-    return way_of(&s->config, rest) < ARRIVED;
+    weighed_twists(poses, s->pose, rest);
+    return over_full_speed(&s->config, rest) < ARRIVED;
 }
 
-/* Go straight to the posture, as fast as joints and tips may, by a ramp. velocity: the way there, then the velocity. */
-static void move_to_posture(state_t *s, step_t *k, double *velocity)
+/* Go straight to the posture, a way [rad] of the joints, as fast as joints and tips may, by a ramp. */
+static void move_to_posture(state_t *s, step_t *k, const double *way, double *velocity)
 {
     const config_t *const c = &s->config;
     const double T = c->sample_time, slope = T / c->ramp_time;
-    double last = way_of(c, s->twist); /* share of full speed */
-    multiply(k->J, velocity, s->twist);
-    double way = way_of(c, s->twist); /* [s] at full speed */
+    double way_of_tips[ROWS];
+    multiply(k->J, way, way_of_tips);
+    double time = over_full_speed(c, way_of_tips), last = over_full_speed(c, s->twist); /* [s]; share of full speed */
     for (int i = 0; i < N; ++i) {
-        way = larger(way, fabs(velocity[i]) / c->velocity_limit[i]);
+        time = larger(time, fabs(way[i]) / c->velocity_limit[i]);
         last = larger(last, fabs(s->dq[i]) / c->velocity_limit[i]);
     }
-    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(way, slope, T));
+    const double speed = smaller(smaller(1.0, last + slope), stopping_speed(time, slope, T));
     for (int i = 0; i < N; ++i) {
-        velocity[i] = clamp(way > 0.0 ? velocity[i] * speed / way : 0.0, k->low[i], k->high[i]);
+        velocity[i] = clamp(time > 0.0 ? way[i] * speed / time : 0.0, k->low[i], k->high[i]);
     }
     multiply(k->J, velocity, s->twist);
 }
@@ -197,19 +200,20 @@ static void move_to_posture(state_t *s, step_t *k, double *velocity)
 static double rotation_weight(const state_t *s, const step_t *k, int tip)
 {
     const double *const stream = s->stream + 6 * tip;
-    const double turning = norm(3, stream + 3) / full_speed(&s->config, 3);
+    const double turning = norm(3, stream + 3) / full_speed(&s->config, 3); /* share of full speed, as the next */
     const double most = larger(turning, norm(3, stream) / full_speed(&s->config, 0));
     const double kept = most > 0.0 ? 1.0 - (1.0 - LAG) * turning / most : LAG;
-    return s->period > 0 ? larger(kept, clamp(norm(3, k->rest + 6 * tip) / SLIP, LAG, 1.0)) : 1.0;
+    const double slipped = clamp(norm(3, k->rest + 6 * tip) / SLIP, LAG, 1.0); /* off its place the tip keeps it, too */
+    return s->period > 0 ? larger(kept, slipped) : 1.0;
 }
 
-/* Follow the line; what it leaves free goes to the posture. velocity: the way to the posture, then the velocity. */
-static void go_by_line(state_t *s, step_t *k, double *velocity)
+/* Follow the line; what it leaves free goes a way [rad] of the joints, to the posture. */
+static void go_by_line(state_t *s, step_t *k, const double *way, double *velocity)
 {
     double twist[ROWS], J[ROWS * N];
     plan_twist(s, k);
     for (int r = 0; r < ROWS; ++r) {
-        const double weight = r % 6 >= 3 ? rotation_weight(s, k, r / 6) : 1.0;
+        const double weight = is_rotation(r) ? rotation_weight(s, k, r / 6) : 1.0;
         twist[r] = weight * s->twist[r];
         for (int i = 0; i < N; ++i) {
             J[r * N + i] = weight * k->J[r * N + i];
@@ -217,7 +221,7 @@ static void go_by_line(state_t *s, step_t *k, double *velocity)
     }
     for (int i = 0; i < N; ++i) {
         const double most = FREE * s->config.velocity_limit[i];
-        const double pull = s->push * clamp(velocity[i] / POSTURE_TIME, -most, most);
+        const double pull = s->push * clamp(way[i] / POSTURE_TIME, -most, most);
         const double loss = s->config.sample_time / POSTURE_TIME * s->dq[i]; /* without it the ramps swing for ever */
         velocity[i] = clamp(pull, k->low[i] - loss, k->high[i] - loss);
     }
@@ -239,10 +243,11 @@ static void report(const state_t *s, const step_t *k, int result, output_t *out)
     memcpy(out->q0, s->q, sizeof out->q0);
     memcpy(out->dq0, s->dq, sizeof out->dq0);
     const int unreachable = is_stuck(s) && !s->by_joints && s->way > ARRIVED;
-    const int bits[5] = {moving, s->interval > 0.0, s->by_joints, unreachable, result != ID(FOLLOW_OK)};
-    for (int b = 0; b < 5; ++b) {
-        out->status |= bits[b] ? 1u << b : 0u;
-    }
+    out->status |= moving ? (uint32_t)ID(FOLLOW_MOVING) : 0u;
+    out->status |= s->interval > 0.0 ? (uint32_t)ID(FOLLOW_SMOOTHED) : 0u;
+    out->status |= s->by_joints ? (uint32_t)ID(FOLLOW_BY_JOINTS) : 0u;
+    out->status |= unreachable ? (uint32_t)ID(FOLLOW_UNREACHABLE) : 0u;
+    out->status |= result != ID(FOLLOW_OK) ? (uint32_t)ID(FOLLOW_REFUSED) : 0u;
 }
 
 int start(const config_t *c, state_t *s, const double *q)
@@ -255,7 +260,7 @@ int start(const config_t *c, state_t *s, const double *q)
     memcpy(s->posture, q, sizeof s->posture);
     double *const tools = stiffgen_kept_tool(s);
     for (int k = 0; k < 16 * TIPS && tools != NULL; ++k) {
-        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0;
+        tools[k] = k % 16 % 5 == 0 ? 1.0 : 0.0; /* unit matrices */
     }
     stiffgen_poses(q, tools, s->pose);
     for (int i = 0; i < SHORT; ++i) {
@@ -267,26 +272,27 @@ int start(const config_t *c, state_t *s, const double *q)
     return ID(FOLLOW_OK);
 }
 
+/* Do a call. What the last one reached is judged before the new goal counts. */
 int follow(state_t *s, const input_t *input, output_t *out)
 {
-    double goal[16 * TIPS], here[16 * TIPS], velocity[N];
+    double goal[16 * TIPS], here[16 * TIPS], way[N], velocity[N];
     step_t k;
     const int result = take_command(s, input, goal);
     k.tool = stiffgen_kept_tool(s);
     stiffgen_poses(s->q, k.tool, here);
-    compare_poses(here, s->pose, k.rest);
-    watch_progress(s, way_of(&s->config, k.rest));
+    weighed_twists(here, s->pose, k.rest);
+    watch_progress(s, over_full_speed(&s->config, k.rest));
     if (take_goal(s, goal)) {
-        compare_poses(here, s->pose, k.rest);
+        weighed_twists(here, s->pose, k.rest);
     }
-    s->way = way_of(&s->config, k.rest);
+    s->way = over_full_speed(&s->config, k.rest);
     weighed_jacobian(s->q, k.tool, k.J);
     bound_each_joint(s, &k);
     for (int i = 0; i < N; ++i) {
-        velocity[i] = s->posture[i] - s->q[i];
+        way[i] = s->posture[i] - s->q[i];
     }
-    s->by_joints = takes_posture(s, &k, velocity);
-    (s->by_joints ? move_to_posture : go_by_line)(s, &k, velocity);
+    s->by_joints = goes_by_joints(s, &k, way);
+    (s->by_joints ? move_to_posture : go_by_line)(s, &k, way, velocity);
     for (int i = 0; i < N; ++i) {
         s->dq[i] = velocity[i];
         s->q[i] += s->config.sample_time * velocity[i];

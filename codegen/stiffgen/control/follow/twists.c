@@ -1,22 +1,22 @@
-/* Twists of the tips, in which lengths and angles count alike. */
+/* Twists of the tips, in which lengths and angles count alike: six rows per tip, translation before rotation. */
 #include "follow.h"
 
-/* Let one radian of twists, or of columns of a Jacobian, count as much as RADIAN. */
+int is_rotation(int row) { return row % 6 >= 3; }
+
+/* Let one radian count as much as RADIAN, in twists (one column) or in a Jacobian. */
 static void weigh(int columns, double *rows)
 {
     for (int r = 0; r < ROWS; ++r) {
-        for (int i = 0; i < columns && r % 6 >= 3; ++i) {
+        for (int i = 0; i < columns && is_rotation(r); ++i) {
             rows[r * columns + i] *= RADIAN;
         }
     }
 }
 
 /* Compute the twists [m] that lead the tips from poses to others. */
-void compare_poses(const double *from, const double *to, double *twists)
+void weighed_twists(const double *from, const double *to, double *twists)
 {
-    for (int t = 0; t < TIPS; ++t) {
-        compare_pose(from + 16 * t, to + 16 * t, twists + 6 * t);
-    }
+    compare_poses(TIPS, from, to, twists);
     weigh(1, twists);
 }
 
@@ -27,7 +27,7 @@ void weighed_jacobian(const double *q, const double *tool, double *J)
     weigh(N, J);
 }
 
-/* Compute the twists of velocities. */
+/* Compute the twists J velocity. */
 void multiply(const double *J, const double *velocity, double *twists)
 {
     for (int r = 0; r < ROWS; ++r) {
@@ -35,14 +35,14 @@ void multiply(const double *J, const double *velocity, double *twists)
     }
 }
 
-/* Return the tips' full speed [m/s] in row r of twists, of a translation or a rotation. */
-double full_speed(const config_t *c, int r)
+/* Return the full speed [m/s] of the translation or rotation that a row of twists belongs to. */
+double full_speed(const config_t *c, int row)
 {
-    return r % 6 < 3 ? c->tip_velocity_limit : RADIAN * c->tip_rotation_limit;
+    return is_rotation(row) ? RADIAN * c->tip_rotation_limit : c->tip_velocity_limit;
 }
 
-/* Return the time [s] that twists take at the tips' full speed; of velocities: their share of it. */
-double way_of(const config_t *c, const double *twists)
+/* Return twists over full speed, the largest of all tips' parts: ways [m] take this time [s], velocities this share. */
+double over_full_speed(const config_t *c, const double *twists)
 {
     double most = 0.0;
     for (int r = 0; r < ROWS; r += 3) {

@@ -1,17 +1,11 @@
 #ifndef GAINS_H
 #define GAINS_H
 
-/* The robot's number of joints. The generator writes it, and these files with all functions static, into
- * NAME_gains.c; tests/support/stub_gains has a robot to compile the files by themselves. */
 #include "../shared/shared.h"
+/* Number of joints of a robot, which the generator writes: the stub in tests/support/stub_gains. */
 #include "robot.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* ---- functions, by file ---- */
-
 int split_torque(const double *q, const double *dq, const double *q_des, const double *dq_des, const double *torque,
                  const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit,
                  double *tau_ff, double *kp, double *kd);

@@ -14,10 +14,10 @@ void stiffgen_poses(const double *q, const memory_t *m, double *pose)
     stiffgen_tree_poses(joints, m, pose);
 }
 
-/* Compute the Jacobians J G of tips and pairs with respect to the motors; G = d joints/dq. */
+/* Compute the Jacobians J G (6 TWISTS x N) of tips and pairs for the motors; G = d joints/dq (JOINTS x N). */
 void stiffgen_jacobians(const double *q, const memory_t *m, double *jacobian)
 {
-    double joints[JOINTS], G[JOINTS * N], J[6 * JOINTS * TWISTS];
+    double joints[JOINTS], G[JOINTS * N], J[6 * TWISTS * JOINTS];
     close_loops(q, m, joints);
     CALL(motors_jacobian)(joints, G);
     stiffgen_tree_jacobians(joints, m, J);
@@ -41,22 +41,22 @@ double stiffgen_spring_energy(const double *q, const memory_t *m, const double *
 }
 
 /*
- * Return the springs' energy [J], with torque and stiffness of the motors: those of the open tree, carried over by the
- * loops.
+ * Return the springs' energy U [J], with torque and stiffness of the motors: those of the open tree, carried over by
+ * the loops. motors_from_joints takes and gives gradients; a torque is -dU/dq.
  */
 double stiffgen_spring(const double *q, const memory_t *m, const double *equilibrium,
     const double *translation_stiffness, const double *rotation_stiffness, double *torque, double *joint_stiffness)
 {
-    double joints[JOINTS], gradient[JOINTS], K[JOINTS * JOINTS];
+    double joints[JOINTS], tree_torque[JOINTS], tree_gradient[JOINTS], K[JOINTS * JOINTS], gradient[N];
     close_loops(q, m, joints);
     const double energy = stiffgen_tree_spring(joints, m, equilibrium, translation_stiffness, rotation_stiffness,
-        gradient, K);
+        tree_torque, K);
     for (int k = 0; k < JOINTS; ++k) {
-        gradient[k] = -gradient[k];
+        tree_gradient[k] = -tree_torque[k];
     }
-    CALL(motors_from_joints)(joints, gradient, K, torque, joint_stiffness);
+    CALL(motors_from_joints)(joints, tree_gradient, K, gradient, joint_stiffness);
     for (int i = 0; i < N; ++i) {
-        torque[i] = -torque[i];
+        torque[i] = -gradient[i];
     }
     return energy;
 }
@@ -112,14 +112,30 @@ static void pick_motors(const double *joints, double *q)
 }
 
 /*
- * Follow the arm to the motors' positions q of a sample. The first sample is reached from the start in FIRST_PARTS
- * parts. The way back must lead to the joints from where it came: close to a singularity Newton's method may take
- * another branch. Return whether it did.
+ * Close the loops at the motors' positions q by Newton's method, from joints nearby. The way back to the motors of
+ * those must lead to the same joints: close to a singularity the method may take another branch. Return whether it did.
+ */
+static int stays_on_branch(const double *q, const double *nearby, double *joints)
+{
+    double start[N], back[JOINTS];
+    int same = 1;
+    CALL(close)(q, nearby, joints);
+    pick_motors(nearby, start);
+    CALL(close)(start, joints, back);
+    for (int k = 0; k < JOINTS; ++k) {
+        same = same && fabs(back[k] - nearby[k]) <= SAME_BRANCH;
+    }
+    return same;
+}
+
+/*
+ * Follow the arm to the motors' positions q of a sample, on the branch of the last one; the first sample is reached
+ * from the start in FIRST_PARTS parts. Return whether the joints stay on the branch.
  */
 int stiffgen_follow(const double *q, const memory_t *m, double *joints)
 {
-    double from[N], at[N], before[JOINTS], back[JOINTS];
     const int parts = m->watch.known ? 1 : FIRST_PARTS;
+    double from[N], at[N], before[JOINTS];
     int follows = 1;
     pick_motors(m->arm.joints, from);
     CALL(close)(from, m->arm.joints, joints);
@@ -128,12 +144,7 @@ int stiffgen_follow(const double *q, const memory_t *m, double *joints)
         for (int i = 0; i < N; ++i) {
             at[i] = from[i] + part * (q[i] - from[i]) / parts;
         }
-        CALL(close)(part < parts ? at : q, before, joints);
-        pick_motors(before, at);
-        CALL(close)(at, joints, back);
-        for (int k = 0; k < JOINTS; ++k) {
-            follows = follows && fabs(back[k] - before[k]) <= SAME_BRANCH;
-        }
+        follows = stays_on_branch(part < parts ? at : q, before, joints);
     }
     return follows;
 }

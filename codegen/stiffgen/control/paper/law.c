@@ -12,18 +12,18 @@ int all_within(const double *x, int count, double least, double most)
     return good;
 }
 
-/* Diagonalise a symmetric matrix by rotations (Jacobi): A becomes V^T A V, diagonal. */
+/* Diagonalise a symmetric matrix (n x n) by rotations (Jacobi): A becomes V^T A V, diagonal. */
 static void diagonalise(int n, double *A, double *V)
 {
     for (int i = 0; i < n * n; ++i) {
-        V[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
+        V[i] = i % (n + 1) == 0 ? 1.0 : 0.0; /* unit matrix */
     }
     for (int k = 0; k < SWEEPS * n * n; ++k) {
-        const int p = k / n % n, q = k % n;
-        if (p >= q || !(fabs(A[p * n + q]) > 1e-130)) {
+        const int p = k / n % n, q = k % n; /* row and column of the next entry, sweep after sweep */
+        if (p >= q || !(fabs(A[p * n + q]) > 1e-130)) { /* below the diagonal, or 0 but for numbers that underflow */
             continue;
         }
-        const double ratio = (A[q * n + q] - A[p * n + p]) / (2.0 * A[p * n + q]);
+        const double ratio = (A[q * n + q] - A[p * n + p]) / (2.0 * A[p * n + q]); /* t^2 + 2 ratio t = 1 makes it 0 */
         const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(ratio * ratio + 1.0));
         const double c = 1.0 / sqrt(t * t + 1.0), s = t * c;
         for (int i = 0; i < n; ++i) { /* columns p and q */
@@ -82,10 +82,10 @@ int design_damping(const CALL(paper_config) *c, const double *M, const double *K
         return 0;
     }
     for (int i = 0; i < N * N; ++i) {
-        A[i] = (K[i] + K[i % N * N + i / N]) / 2.0;
+        A[i] = (K[i] + K[i % N * N + i / N]) / 2.0; /* row i / N, column i % N, with its transpose */
         B[i] = i % (N + 1) == 0 ? c->joint_damping : 0.0;
     }
-    for (int i = 0; i < 2 * N; ++i) { /* L^-1 A, then L^-1 A L^-T */
+    for (int i = 0; i < 2 * N; ++i) { /* all columns: L^-1 A, then all rows: L^-1 A L^-T = U diag(l) U^T */
         solve(L, i < N ? A + i : A + (i - N) * N, i < N ? N : 1);
     }
     diagonalise(N, A, U);
@@ -101,18 +101,18 @@ int design_damping(const CALL(paper_config) *c, const double *M, const double *K
     return 1;
 }
 
-/* Return whether a task stiffness is finite, symmetric and positive semidefinite, up to single precision. */
+/* Return whether a task stiffness (6 x 6) is finite, symmetric and positive semidefinite, up to single precision. */
 int is_stiffness(const double *K)
 {
     double A[36], V[36], size = 0.0, off = 0.0, least = 0.0;
     for (int i = 0; i < 36; ++i) {
-        A[i] = (K[i] + K[i % 6 * 6 + i / 6]) / 2.0;
+        A[i] = (K[i] + K[i % 6 * 6 + i / 6]) / 2.0; /* with its transpose */
         size = fmax(size, fabs(K[i]));
         off = fmax(off, fabs(K[i] - A[i]));
     }
     diagonalise(6, A, V);
     for (int i = 0; i < 6; ++i) {
-        least = fmin(least, A[7 * i]);
+        least = fmin(least, A[7 * i]); /* eigenvalue on the diagonal */
     }
     return all_within(K, 36, -1e9, 1e9) && off <= 1e-6 * size && least >= -1e-6 * size;
 }

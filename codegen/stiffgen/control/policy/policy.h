@@ -1,14 +1,9 @@
 #ifndef POLICY_H
 #define POLICY_H
 
-/* The robot's structs. The generator writes them, and these files with all functions static, into NAME_policy.c;
- * tests/support/stub_policy has a robot to compile the files by themselves. */
 #include "../shared/shared.h"
+/* Structs of a robot, which the generator writes: the stub in tests/support/stub_policy. */
 #include "robot.h"
-
-#include <float.h>
-#include <math.h>
-#include <string.h>
 
 enum { PARTS = 4, WHOLE = -1, READY = 0x9011c7 }; /* of a proposal; entry of a refusal of all; mark of start */
 enum { ACCEPTED = ID(POLICY_REFUSED_NONE) };

@@ -3,7 +3,7 @@
 
 enum { TRIALS = 40, STEPS = 60 }; /* of a search; of a trial */
 static const double REACHED = 5e-6;      /* [m] or [rad] from a pose at which one step more is the last */
-static const double FLAT_SHARE = 1e-9;   /* damping at the pose, over the largest square of a joint's twist */
+static const double FLAT_SHARE = 1e-9;   /* damping at the pose, where the longest twist of a joint counts as 1 */
 static const double STEP_SHARE = 0.05;   /* damping over the error: what its neglected second derivative may do */
 static const double LONGEST_STEP = 0.5;  /* [rad] or [m] */
 static const double HALF_TURN = 3.14159265358979324;
@@ -18,29 +18,22 @@ static double largest_part(const double *twists)
     return most;
 }
 
-/*
- * Compute the joints' twists X = J^T (one row per joint) and weight them and the error: RADIAN counts as much as one
- * radian, and the longest row of X has length 1. Return the damping of the step.
- */
-static double weigh(const double *q, const double *tool, double *X, double *error)
+/* Return what counts as one in a row of twists: RADIAN [m], or one radian. */
+static double unit_of(int row) { return row % 6 < 3 ? RADIAN : 1.0; }
+
+/* Compute the joints' twists X = J^T (N x ROWS), the longest of which is made 1. Return its length before. */
+static double find_twists(const double *q, const double *tool, double *X)
 {
-    double J[ROWS * N], longest = DBL_MIN, squares = 0.0;
+    double J[ROWS * N], longest = DBL_MIN;
     stiffgen_jacobians(q, tool, J);
-    for (int k = 0; k < N * ROWS; ++k) {
-        const int i = k / ROWS, r = k % ROWS;
-        X[k] = J[r * N + i] / (r % 6 < 3 ? RADIAN : 1.0);
-    }
     for (int i = 0; i < N; ++i) {
+        for (int r = 0; r < ROWS; ++r) {
+            X[i * ROWS + r] = J[r * N + i] / unit_of(r);
+        }
         longest = larger(longest, norm(ROWS, X + i * ROWS));
     }
-    for (int k = 0; k < N * ROWS; ++k) {
-        X[k] /= longest;
-    }
-    for (int r = 0; r < ROWS; ++r) {
-        error[r] /= longest * (r % 6 < 3 ? RADIAN : 1.0);
-        squares += error[r] * error[r];
-    }
-    return FLAT_SHARE + squares + STEP_SHARE * sqrt(squares);
+    divide(N * ROWS, longest, X);
+    return longest;
 }
 
 /* Solve (X^T X + damping) x = b in place. */
@@ -85,12 +78,19 @@ static int hold_joint(const double *q, const double *low, const double *high, in
     return 1;
 }
 
-/* Find the step from q that takes the error, the twists to the goal, out of the tips, within bounds. */
+/*
+ * Find the step from q that takes the error, the twists to the goal, out of the tips, within bounds: damped least
+ * squares, step = X (X^T X + damping)^-1 error, where damping = FLAT_SHARE + |error|^2 + STEP_SHARE |error|.
+ */
 static void find_step(const double *q, const double *tool, const double *low, const double *high, double *error,
                       double *step)
 {
     double X[N * ROWS];
-    const double damping = weigh(q, tool, X, error);
+    const double longest = find_twists(q, tool, X);
+    for (int r = 0; r < ROWS; ++r) {
+        error[r] /= longest * unit_of(r);
+    }
+    const double square = dot(ROWS, error, error), damping = FLAT_SHARE + square + STEP_SHARE * sqrt(square);
     int held[N] = {0}, again = 1;
     memset(step, 0, N * sizeof *step);
     for (int round = 0; round < N && again; ++round) { /* each round holds one more joint at its bound */
@@ -104,10 +104,10 @@ static void find_step(const double *q, const double *tool, const double *low, co
     }
 }
 
-/* Return a number from 0 to 1 that is as good as random for a trial and a joint. */
+/* Return a number from 0 to 1 that is as good as random for a trial and a joint: bits mixed as MurmurHash3 ends. */
 static double spread(int trial, int joint)
 {
-    uint32_t bits = ((uint32_t)trial << 8) + (uint32_t)joint + 1u;
+    uint32_t bits = ((uint32_t)trial << 8) + (uint32_t)joint + 1u; /* different for each: fewer than 256 joints */
     bits = (bits ^ (bits >> 16)) * 0x85ebca6bu;
     bits = (bits ^ (bits >> 13)) * 0xc2b2ae35u;
     return (double)(bits ^ (bits >> 16)) / 4294967296.0; /* 2^32 */
@@ -131,12 +131,10 @@ static int try_posture(const double *goal, const double *tool, const double *low
     for (int k = 0; k < STEPS && !found; ++k) {
         double here[16 * TIPS], error[ROWS], step[N];
         stiffgen_poses(q, tool, here);
-        for (int t = 0; t < TIPS; ++t) {
-            compare_pose(here + 16 * t, goal + 16 * t, error + 6 * t);
-        }
+        compare_poses(TIPS, here, goal, error);
         found = largest_part(error) <= REACHED; /* improved by one step more */
         find_step(q, tool, low, high, error, step);
-        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0);
+        const double share = smaller(LONGEST_STEP / larger(norm(N, step), LONGEST_STEP), 1.0); /* of a long step */
         for (int i = 0; i < N; ++i) {
             q[i] += share * step[i];
         }

@@ -1,17 +1,13 @@
 #ifndef POSTURE_H
 #define POSTURE_H
 
-/* The robot's sizes and kernels. The generator writes them, and these files with all functions static, into
- * NAME_find_posture.c; tests/support/stub_posture has a robot to compile the files by themselves. */
+#include <stdint.h>
+
 #include "../shared/shared.h"
+/* Sizes and kernels of a robot, which the generator writes: the stub in tests/support/stub_posture. */
 #include "robot.h"
 
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-
-enum { ROWS = 6 * TIPS };                  /* of the Jacobians of all tips */
+enum { ROWS = 6 * TIPS }; /* of the Jacobians of all tips: three of a tip's translation before three of its rotation */
 
 /* ---- functions, by file ---- */
 int search(const double *poses, const double *tool, const double *start, const double *low, const double *high,

@@ -50,11 +50,13 @@ static int judge(const state_t *s, const input_t *in)
     return good ? ID(PRESS_OK) : ID(PRESS_E_FORCE);
 }
 
-/* Return how far the moved pose is before the tip along the axis; here: the measured pose. */
-static double lead(const state_t *s, const input_t *in, const double *here)
+/* Return how far [m] the moved pose is before the tip along the axis. */
+static double lead(const state_t *s, const input_t *in, const step_t *k)
 {
-    const double ahead[3] = {in->pose[3] + s->offset[0] - here[3], in->pose[7] + s->offset[1] - here[7],
-                             in->pose[11] + s->offset[2] - here[11]};
+    double ahead[3];
+    for (int i = 0; i < 3; ++i) {
+        ahead[i] = in->pose[4 * i + 3] + s->offset[i] - k->here[4 * i + 3];
+    }
     return dot(3, ahead, in->axis);
 }
 
@@ -73,72 +75,78 @@ static void watch(state_t *s, const input_t *in, const double *here)
 /* Move the offset along the axis, within offset_limit. */
 static void shift(state_t *s, const double *axis, double by)
 {
-    for (int k = 0; k < 3; ++k) {
-        s->offset[k] += by * axis[k];
+    for (int i = 0; i < 3; ++i) {
+        s->offset[i] += by * axis[i];
     }
     const double size = norm(3, s->offset), most = s->config.offset_limit;
-    for (int k = 0; k < 3 && size > most; ++k) {
-        s->offset[k] *= most / size;
+    for (int i = 0; i < 3 && size > most; ++i) {
+        s->offset[i] *= most / size;
     }
 }
 
-/* Advance along the axis at a speed, unless the pose is far enough before the tip. */
-static void advance(state_t *s, const input_t *in, const double *here, double speed)
+/* Advance along the axis at a speed, unless the pose is AHEAD of the tip. */
+static void advance(state_t *s, const input_t *in, const step_t *k, double speed)
 {
-    shift(s, in->axis, clamp(AHEAD - lead(s, in, here), 0.0, speed * s->controller.sample_time));
+    shift(s, in->axis, clamp(AHEAD - lead(s, in, k), 0.0, speed * s->controller.sample_time));
 }
 
 /* Return the force [N] that spring and wrench_command exert along the axis: what is known without the sensor. */
-static double find_exerted(const state_t *s, const input_t *in, const last_t *last, const double *here,
-                           double stiffness)
+static double find_exerted(const state_t *s, const input_t *in, const last_t *last, const step_t *k)
 {
-    double rest[16];
+    double rest[16]; /* pose at which the springs are at rest */
     stiffgen_pose(&s->controller, last->reference, rest);
-    const double stretch[3] = {rest[3] - here[3], rest[7] - here[7], rest[11] - here[11]};
-    return stiffness * dot(3, stretch, in->axis) + s->force;
+    const double stretch[3] = {rest[3] - k->here[3], rest[7] - k->here[7], rest[11] - k->here[11]};
+    return k->stiffness * dot(3, stretch, in->axis) + s->force;
 }
 
 /* Let go, into a stage: no force of its own, and the equilibrium at the tip. */
-static void let_go(state_t *s, const input_t *in, const double *here, int stage)
+static void let_go(state_t *s, const input_t *in, const step_t *k, int stage)
 {
     s->force = s->low = s->doubt = 0.0;
     s->touched = 0;
     s->stage = stage;
-    shift(s, in->axis, -lead(s, in, here));
+    shift(s, in->axis, -lead(s, in, k));
 }
 
-/* Hold the force: integrate its error, and hand over. measured: the force along the axis. */
-static void hold(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
+/*
+ * Integrate the force's error, and hand over to the spring what the integral has: the equilibrium moves along the axis
+ * at a `rate` [m/s], so that the spring exerts stiffness * rate * T more in each sample, and the integral as much less.
+ */
+static void integrate(state_t *s, const input_t *in, const step_t *k)
 {
-    const double T = s->controller.sample_time;
-    s->low = measured < RELEASED * in->force ? s->low + T : 0.0;
-    if (s->low >= LOST_TIME || (s->low > 0.0 && s->speed > RUNAWAY)) {
-        let_go(s, in, here, ID(PRESS_STAGE_LOST));
-        return;
-    }
-    if (s->low > 0.0) { /* soon the equilibrium follows the surface; the integral waits: it would drive the tip */
-        advance(s, in, here, s->low > WAIT ? FASTEST : 0.0);
-        return;
-    }
+    const double T = s->controller.sample_time, stiffness = larger(k->stiffness, SOFTEST);
     const double most = smaller(MOST * in->force, s->controller.heaviest_wrench[0] / (1.0 + UNIT));
-    const double stiffness = larger(tuned->stiffness, SOFTEST);
-    s->force = clamp(s->force + tuned->gain * (in->force - measured) * T, -most, most);
+    s->force = clamp(s->force + k->gain * (in->force - k->measured) * T, -most, most);
     const double rate = clamp(s->force / (stiffness * HAND_OVER), -FASTEST, FASTEST);
     shift(s, in->axis, rate * T);
     s->force -= stiffness * rate * T;
 }
 
+/* Hold the force while there is contact. Where it is low the integral waits, which would drive the tip. */
+static void hold(state_t *s, const input_t *in, const step_t *k)
+{
+    s->low = k->measured < RELEASED * in->force ? s->low + s->controller.sample_time : 0.0;
+    if (s->low >= LOST_TIME || (s->low > 0.0 && s->speed > RUNAWAY)) {
+        let_go(s, in, k, ID(PRESS_STAGE_LOST));
+    } else if (s->low > 0.0) {
+        advance(s, in, k, s->low > WAIT ? FASTEST : 0.0); /* soon the equilibrium follows the surface */
+    } else {
+        integrate(s, in, k);
+    }
+}
+
 /* Find the stage that the input asks for, before its step is done. */
-static void choose_stage(state_t *s, const input_t *in, const last_t *last, const double *here)
+static void choose_stage(state_t *s, const input_t *in, const last_t *last, const step_t *k)
 {
     const int ended = (last->status & (uint32_t)ID(STATUS_FAULT)) != 0u;
+    const int may_begin = s->stage == ID(PRESS_STAGE_OFF) || (s->stage == ID(PRESS_STAGE_LOST) && in->search != 0);
     if (!(in->force > 0.0)) {
         s->stage = ID(PRESS_STAGE_OFF);
-    } else if (s->stage == ID(PRESS_STAGE_DOUBTED)) {
+    } else if (s->stage == ID(PRESS_STAGE_DOUBTED)) { /* until the force is 0 */
         return;
     } else if (ended && s->stage != ID(PRESS_STAGE_LOST)) {
-        let_go(s, in, here, ID(PRESS_STAGE_LOST));
-    } else if (!ended && (s->stage == ID(PRESS_STAGE_OFF) || (s->stage == ID(PRESS_STAGE_LOST) && in->search != 0))) {
+        let_go(s, in, k, ID(PRESS_STAGE_LOST));
+    } else if (!ended && may_begin) {
         s->stage = ID(PRESS_STAGE_APPROACH);
         s->touched = 0;
         s->low = s->force = s->doubt = 0.0;
@@ -146,69 +154,81 @@ static void choose_stage(state_t *s, const input_t *in, const last_t *last, cons
 }
 
 /*
- * Doubt a sensor that says less than the springs press, and let go where that lasts; in an approach also where they
- * press as hard as they may, by more than contact takes, and the tip stands: friction alone would let it creep.
+ * Doubt a sensor that says less than the springs press, by the excess [N], and let go where that lasts; in an approach
+ * also where they press as hard as they may, by more than contact takes, and the tip stands: friction alone would let
+ * the tip creep.
  */
-static void doubt(state_t *s, const input_t *in, const double *here, double excess)
+static void doubt(state_t *s, const input_t *in, const step_t *k, double excess)
 {
     const int seeks = s->stage == ID(PRESS_STAGE_APPROACH), holds = s->stage == ID(PRESS_STAGE_CONTACT);
-    const int stands = lead(s, in, here) > NEARLY * AHEAD && fabs(s->gone) < STALL_WAY;
+    const int stands = lead(s, in, k) > NEARLY * AHEAD && fabs(s->gone) < STALL_WAY;
     const double T = s->controller.sample_time;
     s->doubt = (seeks || holds) && excess > s->config.disagreement_limit ? s->doubt + T : 0.0;
     s->stalled = seeks && stands && excess > TOUCHED * in->force ? s->stalled + T : 0.0;
     s->gone = s->stalled > 0.0 ? s->gone : 0.0;
     if (s->doubt >= DOUBT_TIME || s->stalled >= STALL_TIME) {
-        let_go(s, in, here, ID(PRESS_STAGE_DOUBTED));
+        let_go(s, in, k, ID(PRESS_STAGE_DOUBTED));
     }
 }
 
-/* Do what the stage asks for. */
-static void act(state_t *s, const input_t *in, const double *here, double measured, const tuning_t *tuned)
+/* Let the pose go back at approach_speed, without a force. */
+static void go_back(state_t *s)
 {
-    const double T = s->controller.sample_time, size = norm(3, s->offset);
-    if (s->stage == ID(PRESS_STAGE_OFF) || s->stage == ID(PRESS_STAGE_DOUBTED)) { /* the pose goes back */
-        s->force = 0.0;
-        const double left = size > s->config.approach_speed * T ? 1.0 - s->config.approach_speed * T / size : 0.0;
-        for (int k = 0; k < 3; ++k) {
-            s->offset[k] *= left;
-        }
+    const double size = norm(3, s->offset), step = s->config.approach_speed * s->controller.sample_time; /* [m] */
+    const double left = size > step ? 1.0 - step / size : 0.0;
+    s->force = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        s->offset[i] *= left;
+    }
+}
+
+/* Do what the stage asks for; SAMPLES with a force in a row end an approach. */
+static void act(state_t *s, const input_t *in, const step_t *k)
+{
+    if (s->stage == ID(PRESS_STAGE_OFF) || s->stage == ID(PRESS_STAGE_DOUBTED)) {
+        go_back(s);
     } else if (s->stage == ID(PRESS_STAGE_APPROACH)) {
-        s->touched = measured > TOUCHED * in->force ? s->touched + 1 : 0;
+        s->touched = k->measured > TOUCHED * in->force ? s->touched + 1 : 0;
         if (s->touched >= SAMPLES) {
             s->stage = ID(PRESS_STAGE_CONTACT);
         } else {
-            advance(s, in, here, s->config.approach_speed);
+            advance(s, in, k, s->config.approach_speed);
         }
     } else if (s->stage == ID(PRESS_STAGE_CONTACT)) {
-        hold(s, in, here, measured, tuned);
+        hold(s, in, k);
     }
+}
+
+/* Find what is known of a step. The sensor has the wrench of the environment on the tip: the opposite is exerted. */
+static void measure(const state_t *s, const input_t *in, const last_t *last, step_t *k)
+{
+    const double along[6] = {in->axis[0], in->axis[1], in->axis[2], 0.0, 0.0, 0.0}; /* a unit wrench */
+    stiffgen_pose(&s->controller, last->position, k->here);
+    k->measured = -dot(3, in->axis, in->wrench);
+    k->gain = GAIN * CALL(tip_decay)(&s->controller, last->position, in->translation_stiffness,
+                                     in->rotation_stiffness, along, &k->stiffness);
 }
 
 /* Do a step: without a good input or an output of the controller, the pose stays and no force is added. */
 int press(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
     const int result = judge(s, in);
-    tuning_t tuned;
     const int told = last != NULL && all_finite(last->position, N) && all_finite(last->reference, N);
     memcpy(out->pose, result == ID(PRESS_OK) || !s->known ? in->pose : s->pose, sizeof out->pose);
     if (result == ID(PRESS_OK) && told) {
-        double here[16];
-        const double wrench[6] = {in->axis[0], in->axis[1], in->axis[2], 0.0, 0.0, 0.0};
-        const double measured = -dot(3, in->axis, in->wrench);
-        stiffgen_pose(&s->controller, last->position, here);
-        watch(s, in, here);
-        tuned.gain = GAIN * CALL(tip_decay)(&s->controller, last->position, in->translation_stiffness,
-                                            in->rotation_stiffness, wrench, &tuned.stiffness);
-        out->gain = tuned.gain;
-        out->error = in->force - measured;
-        out->pressing = find_exerted(s, in, last, here, tuned.stiffness);
-        choose_stage(s, in, last, here);
-        doubt(s, in, here, out->pressing - measured);
-        act(s, in, here, measured, &tuned);
+        step_t k;
+        measure(s, in, last, &k);
+        watch(s, in, k.here);
+        out->gain = k.gain;
+        out->error = in->force - k.measured;
+        out->pressing = find_exerted(s, in, last, &k);
+        choose_stage(s, in, last, &k);
+        doubt(s, in, &k, out->pressing - k.measured);
+        act(s, in, &k);
     }
-    for (int k = 0; k < 3; ++k) { /* a step whose input is wrong exerts no wrench, and holds the pose */
-        out->pose[4 * k + 3] += s->offset[k];
-        out->wrench_command[k] = result == ID(PRESS_OK) ? s->force * in->axis[k] : 0.0;
+    for (int i = 0; i < 3; ++i) { /* a step whose input is wrong exerts no wrench, and holds the pose */
+        out->pose[4 * i + 3] += s->offset[i];
+        out->wrench_command[i] = result == ID(PRESS_OK) ? s->force * in->axis[i] : 0.0;
     }
     out->stage = s->stage;
     return result;

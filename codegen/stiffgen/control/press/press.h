@@ -1,21 +1,19 @@
 #ifndef PRESS_H
 #define PRESS_H
 
-/* The robot's sizes, structs and kernels. The generator writes them, and these files with all functions static, into
- * NAME_press.c; tests/support/stub_press has a robot to compile the files by themselves. */
 #include "../shared/shared.h"
+/* Sizes, structs and kernels of a robot, which the generator writes: the stub in tests/support/stub_press. */
 #include "robot.h"
-
-#include <float.h>
-#include <math.h>
-#include <string.h>
 
 enum { READY = 0x94e55 }; /* mark of init */
 
-/* What the arm is along the axis: gain of the integral [1/s], stiffness of the springs [N/m]. */
+/* What is known of a step along the axis, which points from the tip into the surface. */
 typedef struct {
-    double gain, stiffness;
-} tuning_t;
+    double here[16];  /* measured pose of the tip */
+    double measured;  /* [N] force that the tip exerts, by the sensor */
+    double gain;      /* [1/s] of the integral */
+    double stiffness; /* [N/m] of the springs */
+} step_t;
 
 /* ---- functions, by file ---- */
 

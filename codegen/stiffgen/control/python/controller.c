@@ -1,7 +1,10 @@
 /* Controller for Python: structs pass as buffers, and lists tell their layout. */
 #include "controller.h"
 
-/* Return a buffer that holds at least `count` structs of a size, or NULL with an exception. */
+/*
+ * Return a buffer that holds at least `count` structs of a size, or NULL with an exception. A function may look at all
+ * of its buffers before it returns: each sets the same exception.
+ */
 void *structs(const Py_buffer *buffer, size_t size, Py_ssize_t count)
 {
     if (count < 0 || (size_t)buffer->len / size < (size_t)count || (uintptr_t)buffer->buf % sizeof(double) != 0) {
@@ -19,9 +22,9 @@ static PyObject *default_config(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
+    config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(impedance_default_config)((config_t *)c);
+        CALL(impedance_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -36,12 +39,11 @@ static PyObject *initialise(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &torque)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(state_t), 1) : NULL;
-    const void *tau = s != NULL ? structs(&torque, MOTORS * sizeof(double), 1) : NULL;
-    if (tau != NULL) {
-        result = PyLong_FromLong(CALL(impedance_init)(
-            (const config_t *)c, (state_t *)s, (const double *)tau));
+    const config_t *const c = structs(&config, sizeof *c, 1);
+    state_t *const s = structs(&state, sizeof *s, 1);
+    const double *const tau = structs(&torque, MOTORS * sizeof *tau, 1);
+    if (c != NULL && s != NULL && tau != NULL) {
+        result = PyLong_FromLong(CALL(impedance_init)(c, s, tau));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);
@@ -58,9 +60,9 @@ static PyObject *reset(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &state)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(state_t), 1);
+    state_t *const s = structs(&state, sizeof *s, 1);
     if (s != NULL) {
-        result = PyLong_FromLong(CALL(impedance_reset)((state_t *)s));
+        result = PyLong_FromLong(CALL(impedance_reset)(s));
     }
     PyBuffer_Release(&state);
     return result;
@@ -76,14 +78,14 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*w*n", &state, &inputs, &outputs, &count)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(state_t), 1);
-    void *in = s != NULL ? structs(&inputs, sizeof(input_t), count) : NULL;
-    void *out = in != NULL ? structs(&outputs, sizeof(output_t), count) : NULL;
-    if (out != NULL) {
+    state_t *const s = structs(&state, sizeof *s, 1);
+    const input_t *const in = structs(&inputs, sizeof *in, count);
+    output_t *const out = structs(&outputs, sizeof *out, count);
+    if (s != NULL && in != NULL && out != NULL) {
         int code = ID(OK);
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count && code == ID(OK); ++k) {
-            code = CALL(impedance_step)((state_t *)s, (const input_t *)in + k, (output_t *)out + k);
+            code = CALL(impedance_step)(s, in + k, out + k);
         }
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
@@ -94,7 +96,7 @@ static PyObject *run(PyObject *module, PyObject *arguments)
     return result;
 }
 
-/* Describe the fault or the refusal of an output. */
+/* Describe an output in the words that a function of the controller writes: argument (output). */
 static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, char *, size_t))
 {
     Py_buffer output;
@@ -102,9 +104,9 @@ static PyObject *describe(PyObject *arguments, int (*write)(const output_t *, ch
     if (!PyArg_ParseTuple(arguments, "y*", &output)) {
         return NULL;
     }
-    const void *out = structs(&output, sizeof(output_t), 1);
+    const output_t *const out = structs(&output, sizeof *out, 1);
     if (out != NULL) {
-        write((const output_t *)out, text, sizeof text);
+        write(out, text, sizeof text);
     }
     PyBuffer_Release(&output);
     return out != NULL ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : NULL;
@@ -140,7 +142,7 @@ static PyMethodDef controller_methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* Add a list or table to the module; steals the reference. */
+/* Add a list or table to the module; steals the reference. Return -1 without one, too: its error is set. */
 static int add(PyObject *module, const char *name, PyObject *list)
 {
     const int error = list == NULL || PyModule_AddObjectRef(module, name, list) < 0;
@@ -148,6 +150,7 @@ static int add(PyObject *module, const char *name, PyObject *list)
     return error ? -1 : 0;
 }
 
+/* Append an item to a list; steals the reference. Return -1 without an item, too: its error is set. */
 static int append(PyObject *list, PyObject *item)
 {
     const int error = item == NULL || PyList_Append(list, item) < 0;
@@ -174,12 +177,14 @@ static PyObject *list_fields(void)
     for (int i = 0; list != NULL && i < FIELDS; ++i) {
         const field *const f = &fields[i];
         PyObject *const shape = PyTuple_New(f->rank);
+        PyObject *item = NULL;
         for (int k = 0; shape != NULL && k < f->rank; ++k) {
             PyTuple_SET_ITEM(shape, k, PyLong_FromLong(f->extent[k]));
         }
-        PyObject *const item = shape == NULL ? NULL
-            : Py_BuildValue("(sssnNNss)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
+        if (shape != NULL) { /* N: BuildValue takes over the reference */
+            item = Py_BuildValue("(sssnNNss)", f->structure, f->name, f->format, (Py_ssize_t)f->offset, shape,
                 PyBool_FromLong(f->unbounded), f->unit, f->heading);
+        }
         if (append(list, item) < 0) {
             Py_CLEAR(list);
         }

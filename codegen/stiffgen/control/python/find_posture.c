@@ -5,23 +5,23 @@
  * None. Return the error's code. */
 static PyObject *find_posture(PyObject *module, PyObject *arguments)
 {
-    enum { N = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
+    enum { POSTURE = MOTORS, POSES = 16 * TIPS }; /* numbers in one posture, in the poses of all tips */
     Py_buffer numbers, bounds, posture;
     PyObject *result = NULL;
     (void)module;
     if (!PyArg_ParseTuple(arguments, "y*z*w*", &numbers, &bounds, &posture)) {
         return NULL;
     }
-    const double *x = structs(&numbers, (2 * POSES + N) * sizeof(double), 1), *limits = NULL;
-    double *y = x != NULL ? structs(&posture, N * sizeof(double), 1) : NULL;
-    if (y != NULL && bounds.buf != NULL) {
-        limits = structs(&bounds, 2 * N * sizeof(double), 1);
-        y = limits != NULL ? y : NULL;
-    }
-    if (y != NULL) {
+    const int is_bounded = bounds.buf != NULL;
+    const double *const poses = structs(&numbers, (2 * POSES + POSTURE) * sizeof *poses, 1);
+    const double *const lower = is_bounded ? structs(&bounds, 2 * POSTURE * sizeof *lower, 1) : NULL;
+    double *const found = structs(&posture, POSTURE * sizeof *found, 1);
+    if (poses != NULL && found != NULL && (!is_bounded || lower != NULL)) {
+        const double *const tools = poses + POSES, *const start = tools + POSES;
+        const double *const upper = is_bounded ? lower + POSTURE : NULL;
         int code = 0;
         Py_BEGIN_ALLOW_THREADS
-        code = CALL(find_posture)(x, x + POSES, x + 2 * POSES, limits, limits != NULL ? limits + N : NULL, y);
+        code = CALL(find_posture)(poses, tools, start, lower, upper, found);
         Py_END_ALLOW_THREADS
         result = PyLong_FromLong(code);
     }

@@ -9,9 +9,9 @@ static PyObject *follow_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(follow_config_t), 1);
+    follow_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(follow_default_config)((follow_config_t *)c);
+        CALL(follow_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -26,11 +26,11 @@ static PyObject *follow_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*", &config, &state, &q)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(follow_config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(follow_state_t), 1) : NULL;
-    const void *x = s != NULL ? structs(&q, MOTORS * sizeof(double), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(CALL(follow_init)((const follow_config_t *)c, (follow_state_t *)s, (const double *)x));
+    const follow_config_t *const c = structs(&config, sizeof *c, 1);
+    follow_state_t *const s = structs(&state, sizeof *s, 1);
+    const double *const positions = structs(&q, MOTORS * sizeof *positions, 1);
+    if (c != NULL && s != NULL && positions != NULL) {
+        result = PyLong_FromLong(CALL(follow_init)(c, s, positions));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);
@@ -48,14 +48,14 @@ static PyObject *follow_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "nw*y*w*", &count, &state, &input, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(follow_state_t), 1);
-    const follow_input_t *in = s != NULL ? structs(&input, sizeof(follow_input_t), count) : NULL;
-    follow_output_t *out = in != NULL ? structs(&output, sizeof(follow_output_t), count) : NULL;
-    if (out != NULL) {
+    follow_state_t *const s = structs(&state, sizeof *s, 1);
+    const follow_input_t *const in = structs(&input, sizeof *in, count);
+    follow_output_t *const out = structs(&output, sizeof *out, count);
+    if (s != NULL && in != NULL && out != NULL) {
         int error = 0;
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t k = 0; k < count; ++k) {
-            const int code = CALL(follow_step)((follow_state_t *)s, in + k, out + k);
+            const int code = CALL(follow_step)(s, in + k, out + k);
             error = code != 0 ? code : error;
         }
         Py_END_ALLOW_THREADS

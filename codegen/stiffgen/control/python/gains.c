@@ -11,12 +11,15 @@ static PyObject *joint_gains(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*", &numbers, &results)) {
         return NULL;
     }
-    const double *x = structs(&numbers, (7 * N + 2 * N * N) * sizeof(double), 1);
-    double *y = x != NULL ? structs(&results, 3 * N * sizeof(double), 1) : NULL;
-    if (y != NULL) {
-        const double *const limits = x + 5 * N + 2 * N * N;
-        result = PyLong_FromLong(CALL(joint_gains)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N,
-            x + 5 * N + N * N, limits, limits + N, y, y + N, y + 2 * N));
+    const double *const q = structs(&numbers, (7 * N + 2 * N * N) * sizeof *q, 1);
+    double *const tau_ff = structs(&results, 3 * N * sizeof *tau_ff, 1);
+    if (q != NULL && tau_ff != NULL) { /* each argument begins where the one before it ends */
+        const double *const dq = q + N, *const q_des = dq + N, *const dq_des = q_des + N, *const torque = dq_des + N;
+        const double *const joint_stiffness = torque + N, *const damping = joint_stiffness + N * N;
+        const double *const kp_limit = damping + N * N, *const kd_limit = kp_limit + N;
+        double *const kp = tau_ff + N, *const kd = kp + N;
+        result = PyLong_FromLong(CALL(joint_gains)(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit,
+            kd_limit, tau_ff, kp, kd));
     }
     PyBuffer_Release(&numbers);
     PyBuffer_Release(&results);
@@ -34,10 +37,11 @@ static PyObject *late_work(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*d", &numbers, &hold)) {
         return NULL;
     }
-    const double *x = structs(&numbers, 7 * N * sizeof(double), 1);
-    if (x != NULL) {
-        result = PyFloat_FromDouble(CALL(late_work)(x, x + N, x + 2 * N, x + 3 * N, x + 4 * N, x + 5 * N, x + 6 * N,
-            hold));
+    const double *const q = structs(&numbers, 7 * N * sizeof *q, 1);
+    if (q != NULL) {
+        const double *const q_des = q + N, *const dq_des = q_des + N, *const tau_ff = dq_des + N;
+        const double *const kp = tau_ff + N, *const kd = kp + N, *const velocity_limit = kd + N;
+        result = PyFloat_FromDouble(CALL(late_work)(q, q_des, dq_des, tau_ff, kp, kd, velocity_limit, hold));
     }
     PyBuffer_Release(&numbers);
     return result;

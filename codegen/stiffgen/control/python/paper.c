@@ -9,9 +9,9 @@ static PyObject *paper_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(paper_config_t), 1);
+    paper_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(paper_default_config)((paper_config_t *)c);
+        CALL(paper_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -26,9 +26,9 @@ static PyObject *paper_validate(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*", &config)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
+    const paper_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        result = PyLong_FromLong(CALL(paper_validate)((const paper_config_t *)c));
+        result = PyLong_FromLong(CALL(paper_validate)(c));
     }
     PyBuffer_Release(&config);
     return result;
@@ -43,13 +43,12 @@ static PyObject *paper_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*w*y*w*", &config, &state, &input, &output)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(paper_config_t), 1);
-    void *s = c != NULL ? structs(&state, sizeof(paper_state_t), 1) : NULL;
-    const void *in = s != NULL ? structs(&input, sizeof(paper_input_t), 1) : NULL;
-    void *out = in != NULL ? structs(&output, sizeof(paper_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(CALL(paper_step)((const paper_config_t *)c, (paper_state_t *)s,
-            (const paper_input_t *)in, (paper_output_t *)out));
+    const paper_config_t *const c = structs(&config, sizeof *c, 1);
+    paper_state_t *const s = structs(&state, sizeof *s, 1);
+    const paper_input_t *const in = structs(&input, sizeof *in, 1);
+    paper_output_t *const out = structs(&output, sizeof *out, 1);
+    if (c != NULL && s != NULL && in != NULL && out != NULL) {
+        result = PyLong_FromLong(CALL(paper_step)(c, s, in, out));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&state);

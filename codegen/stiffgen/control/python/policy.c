@@ -9,9 +9,9 @@ static PyObject *policy_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(policy_config_t), 1);
+    policy_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(policy_default_config)((policy_config_t *)c);
+        CALL(policy_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -27,12 +27,11 @@ static PyObject *policy_start(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*y*d", &state, &config, &poses, &now)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    const void *c = s != NULL ? structs(&config, sizeof(policy_config_t), 1) : NULL;
-    const void *x = c != NULL ? structs(&poses, sizeof(((policy_output_t *)NULL)->pose), 1) : NULL;
-    if (x != NULL) {
-        result = PyLong_FromLong(
-            CALL(policy_start)((policy_state_t *)s, (const policy_config_t *)c, (const double *)x, now));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    const policy_config_t *const c = structs(&config, sizeof *c, 1);
+    const double *const entries = structs(&poses, 16 * TIPS * sizeof *entries, 1);
+    if (s != NULL && c != NULL && entries != NULL) {
+        result = PyLong_FromLong(CALL(policy_start)(s, c, entries, now));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&config);
@@ -50,10 +49,10 @@ static PyObject *policy_propose(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*d", &state, &proposal, &now)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    const void *p = s != NULL ? structs(&proposal, sizeof(policy_proposal_t), 1) : NULL;
-    if (p != NULL) {
-        result = PyLong_FromLong(CALL(policy_propose)((policy_state_t *)s, (const policy_proposal_t *)p, now));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    const policy_proposal_t *const proposed = structs(&proposal, sizeof *proposed, 1);
+    if (s != NULL && proposed != NULL) {
+        result = PyLong_FromLong(CALL(policy_propose)(s, proposed, now));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&proposal);
@@ -70,10 +69,10 @@ static PyObject *policy_command(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*dw*", &state, &now, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(policy_state_t), 1);
-    void *out = s != NULL ? structs(&output, sizeof(policy_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(CALL(policy_command)((policy_state_t *)s, now, (policy_output_t *)out));
+    policy_state_t *const s = structs(&state, sizeof *s, 1);
+    policy_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && out != NULL) {
+        result = PyLong_FromLong(CALL(policy_command)(s, now, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&output);

@@ -9,9 +9,9 @@ static PyObject *press_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(press_config_t), 1);
+    press_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(press_default_config)((press_config_t *)c);
+        CALL(press_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -26,12 +26,11 @@ static PyObject *press_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(press_config_t), 1);
-    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
-    void *s = k != NULL ? structs(&state, sizeof(press_state_t), 1) : NULL;
-    if (s != NULL) {
-        result = PyLong_FromLong(
-            CALL(press_init)((const press_config_t *)c, (const config_t *)k, (press_state_t *)s));
+    const press_config_t *const own = structs(&config, sizeof *own, 1);
+    const config_t *const of_controller = structs(&controller, sizeof *of_controller, 1);
+    press_state_t *const s = structs(&state, sizeof *s, 1);
+    if (own != NULL && of_controller != NULL && s != NULL) {
+        result = PyLong_FromLong(CALL(press_init)(own, of_controller, s));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&controller);
@@ -48,14 +47,13 @@ static PyObject *press_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(press_state_t), 1);
-    const void *in = s != NULL ? structs(&input, sizeof(press_input_t), 1) : NULL;
-    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
-    const int good = in != NULL && (before != NULL || last.buf == NULL);
-    void *out = good ? structs(&output, sizeof(press_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(CALL(press_step)(
-            (press_state_t *)s, (const press_input_t *)in, (const output_t *)before, (press_output_t *)out));
+    const int is_first = last.buf == NULL; /* no output of the controller yet */
+    press_state_t *const s = structs(&state, sizeof *s, 1);
+    const press_input_t *const in = structs(&input, sizeof *in, 1);
+    const output_t *const before = is_first ? NULL : structs(&last, sizeof *before, 1);
+    press_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && in != NULL && (is_first || before != NULL) && out != NULL) {
+        result = PyLong_FromLong(CALL(press_step)(s, in, before, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&input);

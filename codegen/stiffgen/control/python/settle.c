@@ -9,9 +9,9 @@ static PyObject *settle_default(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*", &config)) {
         return NULL;
     }
-    void *c = structs(&config, sizeof(settle_config_t), 1);
+    settle_config_t *const c = structs(&config, sizeof *c, 1);
     if (c != NULL) {
-        CALL(settle_default_config)((settle_config_t *)c);
+        CALL(settle_default_config)(c);
     }
     PyBuffer_Release(&config);
     return c != NULL ? Py_NewRef(Py_None) : NULL;
@@ -26,12 +26,11 @@ static PyObject *settle_init(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "y*y*w*", &config, &controller, &state)) {
         return NULL;
     }
-    const void *c = structs(&config, sizeof(settle_config_t), 1);
-    const void *k = c != NULL ? structs(&controller, sizeof(config_t), 1) : NULL;
-    void *s = k != NULL ? structs(&state, sizeof(settle_state_t), 1) : NULL;
-    if (s != NULL) {
-        result = PyLong_FromLong(
-            CALL(settle_init)((const settle_config_t *)c, (const config_t *)k, (settle_state_t *)s));
+    const settle_config_t *const own = structs(&config, sizeof *own, 1);
+    const config_t *const of_controller = structs(&controller, sizeof *of_controller, 1);
+    settle_state_t *const s = structs(&state, sizeof *s, 1);
+    if (own != NULL && of_controller != NULL && s != NULL) {
+        result = PyLong_FromLong(CALL(settle_init)(own, of_controller, s));
     }
     PyBuffer_Release(&config);
     PyBuffer_Release(&controller);
@@ -48,14 +47,13 @@ static PyObject *settle_step(PyObject *module, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "w*y*z*w*", &state, &input, &last, &output)) {
         return NULL;
     }
-    void *s = structs(&state, sizeof(settle_state_t), 1);
-    const void *in = s != NULL ? structs(&input, sizeof(settle_input_t), 1) : NULL;
-    const void *before = in != NULL && last.buf != NULL ? structs(&last, sizeof(output_t), 1) : NULL;
-    const int good = in != NULL && (before != NULL || last.buf == NULL);
-    void *out = good ? structs(&output, sizeof(settle_output_t), 1) : NULL;
-    if (out != NULL) {
-        result = PyLong_FromLong(CALL(settle_step)(
-            (settle_state_t *)s, (const settle_input_t *)in, (const output_t *)before, (settle_output_t *)out));
+    const int is_first = last.buf == NULL; /* no output of the controller yet */
+    settle_state_t *const s = structs(&state, sizeof *s, 1);
+    const settle_input_t *const in = structs(&input, sizeof *in, 1);
+    const output_t *const before = is_first ? NULL : structs(&last, sizeof *before, 1);
+    settle_output_t *const out = structs(&output, sizeof *out, 1);
+    if (s != NULL && in != NULL && (is_first || before != NULL) && out != NULL) {
+        result = PyLong_FromLong(CALL(settle_step)(s, in, before, out));
     }
     PyBuffer_Release(&state);
     PyBuffer_Release(&input);

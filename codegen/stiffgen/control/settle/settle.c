@@ -73,15 +73,16 @@ static int is_at_rest(const state_t *s, const last_t *last, const double *moved)
     return good;
 }
 
-/* Return size and direction of an error, and the stiffness in force along it. kind 0: translation; 1: rotation. */
+/* Return size and direction of an error, and the stiffness in force along it. */
 static error_t measure(const state_t *s, const input_t *in, const last_t *last, int kind, const double *error)
 {
     error_t e = {norm(3, error), {0.0, 0.0, 0.0}, 0.0};
     for (int k = 0; k < 3 && e.size > 0.0; ++k) {
         e.axis[k] = error[k] / e.size;
     }
-    const double *const K = kind == 0 ? in->translation_stiffness : in->rotation_stiffness;
-    e.stiffness = last->scale * square_in(K, kind == 0 ? TRANSLATION_TURNS : ROTATION_TURNS, s->here, e.axis);
+    const double *const K = kind == TRANSLATION ? in->translation_stiffness : in->rotation_stiffness;
+    const int turns = kind == TRANSLATION ? TRANSLATION_TURNS : ROTATION_TURNS;
+    e.stiffness = last->scale * square_in(K, turns, s->here, e.axis);
     return e;
 }
 
@@ -108,13 +109,13 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
     /* from the tip to where the springs are at rest [m], [rad]; error alone reaches to the pose that is wanted */
     const double stretch[3] = {error[0] + offset[0], error[1] + offset[1], error[2] + offset[2]};
     const double most = s->config.settle_force[kind], band = s->config.settle_band[kind];
-    double wrench[6] = {0.0}, stiffness;
+    double wrench[6] = {0.0}, unused; /* unit wrench along the error; stiffness along it, without the scale */
     if (!(e.size > LEFT * band && e.stiffness > 0.0 && e.stiffness * norm(3, stretch) < BEYOND * most)) {
         return 0;
     }
     memcpy(wrench + 3 * kind, e.axis, sizeof e.axis);
     const double decay = find_decay(&s->controller, last->position, in->translation_stiffness, in->rotation_stiffness,
-                                    wrench, &stiffness);
+                                    wrench, &unused);
     /* slower than the closed loop decays, so that both do not swing against each other */
     const double share = decay * s->controller.sample_time / SLOWNESS;
     for (int k = 0; k < 3; ++k) {
@@ -123,32 +124,38 @@ static int integrate(state_t *s, const input_t *in, const last_t *last, int kind
     return 1;
 }
 
-/* Do a step: where the arm rests and nobody touches it, the offset integrates the error that friction leaves. */
+/* Integrate the error where the arm rests and nobody touches it, and report it. out->pose: the commanded one. */
+static void settle_here(state_t *s, const input_t *in, const last_t *last, output_t *out)
+{
+    double here[16], moved[16], error[6];
+    stiffgen_poses(last->position, stiffgen_tool(&s->controller), here);
+    watch(s, in->pose, here);
+    memcpy(moved, in->pose, sizeof moved);
+    move_pose(s->offset, moved);
+    const int rests = is_at_rest(s, last, moved) && !is_touched(s, in);
+    compare_pose(here, in->pose, error);
+    for (int kind = TRANSLATION; kind <= ROTATION; ++kind) {
+        const int moves = rests && integrate(s, in, last, kind, error + 3 * kind);
+        const int limited = limit_offset(s, in, last, kind, s->offset + 3 * kind); /* stiffness may have changed */
+        out->error[kind] = norm(3, error + 3 * kind);
+        out->status |= moves ? (uint32_t)ID(SETTLE_MOVING) : 0u;
+        out->status |= limited ? (uint32_t)ID(SETTLE_LIMITED) : 0u;
+    }
+    const int settled = out->error[0] <= s->config.settle_band[0] && out->error[1] <= s->config.settle_band[1];
+    out->status |= rests ? 0u : (uint32_t)ID(SETTLE_HELD);
+    out->status |= settled ? (uint32_t)ID(SETTLE_SETTLED) : 0u;
+}
+
+/* Do a step. Without good numbers the last pose stays; without an output of the controller the offset is held. */
 int settle(state_t *s, const input_t *in, const last_t *last, output_t *out)
 {
-    double here[16], error[6];
     const int good = all_finite(in->pose, 16) && all_finite(in->translation_stiffness, 9) &&
                      all_finite(in->rotation_stiffness, 9) && all_finite(in->wrench, 6);
-    memcpy(out->pose, good || !s->known ? in->pose : s->pose, sizeof out->pose);
     const int told = last != NULL && all_finite(last->position, N) && all_finite(last->reference, N) &&
                      fabs(last->scale) <= DBL_MAX;
+    memcpy(out->pose, good || !s->known ? in->pose : s->pose, sizeof out->pose);
     if (good && told) {
-        stiffgen_poses(last->position, stiffgen_tool(&s->controller), here);
-        watch(s, in->pose, here);
-        move_pose(s->offset, out->pose);
-        const int rests = is_at_rest(s, last, out->pose) && !is_touched(s, in);
-        compare_pose(here, in->pose, error);
-        for (int kind = 0; kind < 2; ++kind) {
-            const int moves = rests && integrate(s, in, last, kind, error + 3 * kind);
-            const int limited = limit_offset(s, in, last, kind, s->offset + 3 * kind); /* stiffness may have changed */
-            out->error[kind] = norm(3, error + 3 * kind);
-            out->status |= moves ? (uint32_t)ID(SETTLE_MOVING) : 0u;
-            out->status |= limited ? (uint32_t)ID(SETTLE_LIMITED) : 0u;
-        }
-        const int settled = out->error[0] <= s->config.settle_band[0] && out->error[1] <= s->config.settle_band[1];
-        out->status |= rests ? 0u : (uint32_t)ID(SETTLE_HELD);
-        out->status |= settled ? (uint32_t)ID(SETTLE_SETTLED) : 0u;
-        memcpy(out->pose, in->pose, sizeof out->pose);
+        settle_here(s, in, last, out);
     } else {
         s->rest = 0.0;
         out->status = (uint32_t)ID(SETTLE_HELD);

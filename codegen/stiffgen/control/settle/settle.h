@@ -1,16 +1,12 @@
 #ifndef SETTLE_H
 #define SETTLE_H
 
-/* The robot's sizes, structs and kernels. The generator writes them, and these files with all functions static, into
- * NAME_settle.c; tests/support/stub_settle has a robot to compile the files by themselves. */
 #include "../shared/shared.h"
+/* Sizes, structs and kernels of a robot, which the generator writes: the stub in tests/support/stub_settle. */
 #include "robot.h"
 
-#include <float.h>
-#include <math.h>
-#include <string.h>
-
 enum { READY = 0x5e771e }; /* mark of init */
+enum { TRANSLATION, ROTATION }; /* kinds of errors and springs, in the order of arrays [m], [rad] */
 
 /* Error of one kind, translation or rotation, and what the springs make of it. */
 typedef struct {

@@ -15,8 +15,10 @@ double most_damping(double sample_time, int delay_samples)
 }
 
 /*
- * Return the damping [1/s] of a mode with eigenvalue l [1/s^2]: of the ratio damping_ratio, with a torque that is late
- * by a time [s].
+ * Return the damping b [1/s] for a ratio zeta of a mode x'' = -l x - b x' with eigenvalue l [1/s^2], whose torque is
+ * late by t = late [s]. To first order of t the mode is (1 - b t) x'' + (b - l t) x' + l x = 0, and has that ratio for
+ * (b - l t)^2 = 4 zeta^2 l (1 - b t): b = sqrt(p^2 + 4 zeta^2 l - l^2 t^2) - p, with p = l t (2 zeta^2 - 1). With less
+ * than l t the mode would grow.
  */
 double mode_damping(double l, double late, double damping_ratio)
 {

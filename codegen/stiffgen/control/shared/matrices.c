@@ -1,10 +1,13 @@
 /* Symmetric matrices, row-major. */
 #include "shared.h"
 
-/* Return the smallest eigenvalue of a symmetric 3 x 3 matrix, by the roots of its characteristic polynomial. */
+/*
+ * Return the smallest eigenvalue of a symmetric 3 x 3 matrix. With B = K - mean 1, whose norm is sqrt(6) p, the roots
+ * of the characteristic polynomial are mean + 2 p cos(angle + k third), where cos(3 angle) = det(B) / (2 p^3).
+ */
 double smallest_eigenvalue(const double *K)
 {
-    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn */
+    static const double rounded = 1e-9, third = 2.09439510239319549; /* [rad] of a turn: k = 1 */
     const double mean = (K[0] + K[4] + K[8]) / 3.0, a = K[0] - mean, d = K[4] - mean, f = K[8] - mean;
     const double b = K[1], c = K[2], e = K[5];
     const double p = sqrt((a * a + d * d + f * f + 2.0 * (b * b + c * c + e * e)) / 6.0);

@@ -7,7 +7,7 @@ static const double EXACT = 1e-13; /* up to which R is orthonormal but for round
 
 static const double NO_SINE = 1e-6; /* sine up to which, near half a turn, it has lost the digits of the axis */
 
-/* Return the largest entry of R^T R - 1 for a pose with rotation R, and where it is in the pose. */
+/* Return the largest entry of R^T R - 1 for a pose (4 x 4) with rotation R, and the index of R's entry in its place. */
 double rotation_error(const double *pose, int *entry)
 {
     double most = 0.0;
@@ -56,16 +56,19 @@ int clean_pose(const double *pose, double *clean)
     return dot(3, cross, clean + 8) > 0.0;
 }
 
-/* Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. */
+/*
+ * Compute the twist (hybrid axes) from a pose to another: motion of the origin [m], and rotation vector [rad]. The
+ * rotation between them, D = R_to R_from^T, has sin(angle) n in D - D^T, cos(angle) in its trace; n is the unit axis.
+ */
 void compare_pose(const double *from, const double *to, double *twist)
 {
-    double D[9]; /* the rotation between the poses */
+    double D[9];
     for (int k = 0; k < 9; ++k) {
         D[k] = dot(3, to + k / 3 * 4, from + k % 3 * 4);
     }
-    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* times the sine */
+    double axis[3] = {(D[7] - D[5]) / 2.0, (D[2] - D[6]) / 2.0, (D[3] - D[1]) / 2.0}; /* sin(angle) n */
     const double sine = norm(3, axis), angle = atan2(sine, (D[0] + D[4] + D[8] - 1.0) / 2.0);
-    if (angle > 1.0 && sine < NO_SINE) { /* the axis is the longest column of D + 1 */
+    if (angle > 1.0 && sine < NO_SINE) { /* near half a turn D + 1 is 2 n n^T: n is its longest column */
         const int first = D[0] > D[4] ? 0 : 1, k = D[8] > D[4 * first] ? 2 : first;
         for (int i = 0; i < 3; ++i) {
             axis[i] = D[3 * i + k] + (i == k ? 1.0 : 0.0);
@@ -78,15 +81,27 @@ void compare_pose(const double *from, const double *to, double *twist)
     }
 }
 
+/* Compute the twists (6 each) from poses to as many others. */
+void compare_poses(int count, const double *from, const double *to, double *twists)
+{
+    for (int k = 0; k < count; ++k) {
+        compare_pose(from + 16 * k, to + 16 * k, twists + 6 * k);
+    }
+}
+
 static const double NO_TURN = 1e-9; /* [rad] up to which a turn has no axis */
 
-/* Move a pose by a twist in base axes: its place by the translation, and turned about the place. */
+/*
+ * Move a pose by a twist in base axes: its place by the translation, and turned about the place. By Rodrigues' formula
+ * each column v of the rotation becomes v + a w x v + b w x (w x v), with the rotation vector w of length `angle`, and
+ * a = sin(angle) / angle, b = (1 - cos(angle)) / angle^2 = 2 (sin(angle / 2) / angle)^2.
+ */
 void move_pose(const double *twist, double *pose)
 {
     const double *const w = twist + 3, angle = norm(3, w);
     const double a = angle > NO_TURN ? sin(angle) / angle : 1.0;
     const double half = angle > NO_TURN ? sin(0.5 * angle) / angle : 0.5, b = 2.0 * half * half;
-    for (int column = 0; column < 3; ++column) { /* v + a w x v + b w x (w x v) */
+    for (int column = 0; column < 3; ++column) { /* w x (w x v) = w (w . v) - v angle^2 */
         const double v[3] = {pose[column], pose[4 + column], pose[8 + column]}, along = dot(3, w, v);
         for (int i = 0; i < 3; ++i) {
             const int j = (i + 1) % 3, k = (i + 2) % 3;

@@ -22,6 +22,7 @@ double smaller(double x, double y);
 double clamp(double x, double least, double most);
 double dot(int count, const double *a, const double *b);
 double norm(int count, const double *x);
+void divide(int count, double divisor, double *x);
 int doubles_within(const double *x, size_t count, double least, double most);
 int all_finite(const double *x, int count);
 
@@ -35,11 +36,16 @@ int is_usable(double sample_time, int delay_samples, double damping_ratio, int j
 double most_damping(double sample_time, int delay_samples);
 double mode_damping(double l, double late, double damping_ratio);
 
+/* ramps.c */
+double stopping_speed(double way, double slope, double T);
+void change_velocity(const double *wanted, double most, double *velocity);
+
 /* poses.c */
 double rotation_error(const double *pose, int *entry);
 int has_form_of_pose(const double *pose);
 int clean_pose(const double *pose, double *clean);
 void compare_pose(const double *from, const double *to, double *twist);
+void compare_poses(int count, const double *from, const double *to, double *twists);
 void move_pose(const double *twist, double *pose);
 
 #endif

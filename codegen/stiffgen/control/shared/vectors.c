@@ -22,6 +22,13 @@ double dot(int count, const double *a, const double *b)
 
 double norm(int count, const double *x) { return sqrt(dot(count, x, x)); }
 
+void divide(int count, double divisor, double *x)
+{
+    for (int i = 0; i < count; ++i) {
+        x[i] /= divisor;
+    }
+}
+
 /* Return whether all entries lie between the bounds (both allowed); NaN does not. */
 int doubles_within(const double *x, size_t count, double least, double most)
 {

@@ -54,20 +54,22 @@ void CALL(orthogonalise)(double A[ID(DOF)][6], double V[6][6])
 double CALL(external_wrench)(const double jacobian[6 * ID(DOF)], const double torque[ID(DOF)],
     const double *deviation, double damping, double wrench[6], double *unexplained)
 {
-    double A[ID(DOF)][6], V[6][6] = {{0.0}}, of_jacobian = 0.0, of_torque = 0.0 * damping; /* zero, or NaN */
+    double A[ID(DOF)][6], V[6][6] = {{0.0}}; /* A: J^T, its rows divided by the deviations */
+    double nan_of_jacobian = 0.0, nan_of_others = 0.0 * damping; /* NaN if a number is not finite, else 0 */
     for (int i = 0; i < ID(DOF); ++i) {
         for (int k = 0; k < 6; ++k) {
             A[i][k] = jacobian[ID(DOF) * k + i] / (deviation != NULL ? deviation[i] : 1.0);
-            of_jacobian += 0.0 * A[i][k];
+            nan_of_jacobian += 0.0 * A[i][k];
         }
-        of_torque += 0.0 * torque[i];
+        nan_of_others += 0.0 * torque[i];
     }
     for (int k = 0; k < 6; ++k) {
         V[k][k] = 1.0;
-        wrench[k] = of_jacobian + of_torque;
+        wrench[k] = nan_of_jacobian + nan_of_others;
     }
+    /* A V has orthogonal columns a_k: of A wrench = torque the component along a_k is a_k . torque / |a_k|^2. */
     CALL(orthogonalise)(A, V);
-    double squares[6], largest = 0.0, smallest = (double)INFINITY;
+    double squares[6], largest = 0.0, smallest = (double)INFINITY; /* |a_k|^2, of the singular values */
     for (int k = 0; k < 6; ++k) {
         squares[k] = 0.0;
         for (int i = 0; i < ID(DOF); ++i) {
@@ -77,7 +79,7 @@ double CALL(external_wrench)(const double jacobian[6 * ID(DOF)], const double to
         smallest = squares[k] < smallest ? squares[k] : smallest;
     }
     const int is_bounded = ID(DOF) >= 6 && smallest > 0.0;
-    const double condition = of_jacobian + (is_bounded ? sqrt(largest / smallest) : (double)INFINITY);
+    const double condition = nan_of_jacobian + (is_bounded ? sqrt(largest / smallest) : (double)INFINITY);
     for (int k = 0; k < 6; ++k) {
         double along = 0.0;
         for (int i = 0; i < ID(DOF); ++i) {

@@ -1,8 +1,5 @@
 #if LANE_BYTES > {{ scalar.bytes }}
-/*
- * Add the lower half of each vector to its upper half; the sums of a and b alternate in the result. After log2(LANES)
- * rounds on LANES vectors, lane k of the last one is the sum of the lanes of vector k.
- */
+/* Add the lower half of each vector to its upper half; the sums of a and b alternate: a0 + a2, b0 + b2, a1 + a3, b1 + b3. */
 static inline lanes add_halves(lanes a, lanes b)
 {
 #if defined(__clang__)
@@ -14,12 +11,17 @@ static inline lanes add_halves(lanes a, lanes b)
 }
 #endif
 
-/* Store the sum of the lanes of from[k] in to[k], NaN for infinity. Both arrays are padded to whole vectors. */
+/*
+ * Store as lane k of to the sum of all lanes of the vector from[k], NaN for infinity. Both arrays are padded to whole
+ * vectors. A block of LANES vectors becomes one: each round pairs vector n with n + half, so that of four lanes the first
+ * round leaves (v0, v2, v0, v2) and (v1, v3, v1, v3), where v0 is a part of the sum of vector 0, and the last one (v0, v1,
+ * v2, v3), whole sums.
+ */
 static inline void add_lanes(const lanes *from, int count, lanes *to)
 {
-    for (int k = 0; k < count; k += LANES) {
+    for (int block = 0; block < count; block += LANES) {
         lanes sums[LANES];
-        memcpy(sums, &from[k], sizeof sums);
+        memcpy(sums, &from[block], sizeof sums);
 #if LANE_BYTES > {{ scalar.bytes }}
         UNROLLED
         for (int half = LANES / 2; half > 0; half /= 2) {

@@ -2,11 +2,14 @@
 /* 4 x 4 squares, for remainders shorter than LANES. */
 typedef float four __attribute__((vector_size(16)));
 
-/* Transpose a square of 4 x 4 floats in two rounds, each of which interleaves pairs of rows. */
+/*
+ * Transpose a square of 4 x 4 floats in two rounds, each of which interleaves the rows k and k + 2: of the rows a, b, c, d
+ * the first makes a0 c0 a1 c1, a2 c2 a3 c3, b0 d0 b1 d1, b2 d2 b3 d3, the second a0 b0 c0 d0 and so on.
+ */
 static inline void transpose_four(four square[4])
 {
     for (int round = 0; round < 2; ++round) {
-        four paired[4]; /* entries of rows k and k + 2 in turn: 0, 4, 1, 5 count through both */
+        four paired[4]; /* 0 to 3 are the entries of row k, 4 to 7 those of row k + 2 */
         for (int k = 0; k < 2; ++k) {
 #if defined(__clang__)
             paired[2 * k] = __builtin_shufflevector(square[k], square[k + 2], 0, 4, 1, 5);

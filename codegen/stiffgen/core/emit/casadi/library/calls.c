@@ -30,7 +30,7 @@ static void to_column_major(const double *from, casadi_int rows, casadi_int colu
 static double *load_operand(const CALL(casadi_function) *f, int operand, const double *from, double *w)
 {
     const casadi_int size = size_of(f, operand);
-    if (from != NULL) {
+    if (from != NULL) { /* the transpose of a column-major matrix is a row-major one, with rows and columns exchanged */
         to_column_major(from, f->shape[operand][1], f->shape[operand][0], w);
     }
     for (casadi_int k = 0; from == NULL && k < size; ++k) {
@@ -74,22 +74,26 @@ casadi_int CALL(casadi_evaluate_work)(const CALL(casadi_function) *f)
 
 /*
  * Convert covectors (f, m) of the base's twist, one per configuration, in place to gradients with respect to the
- * entries of the base's pose: (R [m]/2, R f). Of all matrices with the same product with every motion of the pose, this
- * one has the smallest norm.
+ * entries of the base's pose (4 x 4): (R [m]/2, R f), where [m] is the matrix of m x, and 0 in the last row. Of all
+ * matrices with the same product with every motion of the pose, this one has the smallest norm. The last configuration
+ * comes first, since 16 numbers take the place of 6.
  */
 static void to_entry_gradients(size_t count, const double *pose, double *bar)
 {
-    for (size_t c = count; c-- > 0;) {
-        const double *const b = bar + 6 * c;
+    for (size_t n = count; n-- > 0;) {
+        const double *const f = bar + 6 * n, *const m = f + 3;
+        double *const gradient = bar + 16 * n;
         const double motion[3][4] = {
-            {0.0, -0.5 * b[5], 0.5 * b[4], b[0]},
-            {0.5 * b[5], 0.0, -0.5 * b[3], b[1]},
-            {-0.5 * b[4], 0.5 * b[3], 0.0, b[2]},
+            {0.0, -0.5 * m[2], 0.5 * m[1], f[0]},
+            {0.5 * m[2], 0.0, -0.5 * m[0], f[1]},
+            {-0.5 * m[1], 0.5 * m[0], 0.0, f[2]},
         };
-        for (int k = 0; k < 16; ++k) {
-            const double *const row = pose + k / 4 * 4;
-            const double sum = row[0] * motion[0][k % 4] + row[1] * motion[1][k % 4] + row[2] * motion[2][k % 4];
-            bar[16 * c + (size_t)k] = k < 12 ? sum : 0.0;
+        for (int i = 0; i < 4; ++i) {
+            const double *const row = pose + 4 * i;
+            for (int j = 0; j < 4; ++j) {
+                const double sum = row[0] * motion[0][j] + row[1] * motion[1][j] + row[2] * motion[2][j];
+                gradient[4 * i + j] = i < 3 ? sum : 0.0;
+            }
         }
     }
 }
@@ -123,8 +127,42 @@ casadi_int CALL(casadi_adjoint_work)(const CALL(casadi_function) *f)
 }
 
 /*
+ * Write one cotangent of a result (rows x columns) per entry of it: 1 at the entry, else 0. The entries are counted
+ * column by column, as CasADi counts the rows of a Jacobian; a cotangent is row-major. Return the rest of the work
+ * space.
+ */
+static double *unit_cotangents(casadi_int rows, casadi_int columns, double *w)
+{
+    const casadi_int entries = rows * columns;
+    for (casadi_int k = 0; k < entries * entries; ++k) {
+        w[k] = 0.0;
+    }
+    for (casadi_int e = 0; e < entries; ++e) {
+        const casadi_int row = e % rows, column = e / rows;
+        w[e * entries + row * columns + column] = 1.0;
+    }
+    return w + entries * entries;
+}
+
+/*
+ * Copy gradients with respect to an argument (rows x columns), one row-major matrix per entry of the result, to columns
+ * of CasADi's Jacobian: its column-major matrix has a row per entry of the result, a column per entry of the argument.
+ */
+static void store_gradients(const double *from, casadi_int entries, casadi_int rows, casadi_int columns, double *to)
+{
+    for (casadi_int r = 0; r < rows; ++r) {
+        for (casadi_int c = 0; c < columns; ++c) {
+            for (casadi_int e = 0; e < entries; ++e) {
+                to[(r + c * rows) * entries + e] = from[e * rows * columns + r * columns + c];
+            }
+        }
+    }
+}
+
+/*
  * Compute the derivative of every result with respect to every argument, one row per entry of the result. arg:
- * arguments, results (not read). Each result takes one batch of products, with one unit cotangent per entry.
+ * arguments, results (not read). Each result takes one batch of products, with one unit cotangent per entry and zeros
+ * for the other results.
  */
 void CALL(casadi_jacobian)(const CALL(casadi_function) *f, const double **arg, double **res, double *w)
 {
@@ -135,21 +173,14 @@ void CALL(casadi_jacobian)(const CALL(casadi_function) *f, const double **arg, d
         w = load_operand(f, o, arg[o], w);
     }
     for (int r = 0; r < f->outputs; ++r) {
-        const casadi_int rows = f->shape[f->inputs + r][0], columns = f->shape[f->inputs + r][1];
-        const casadi_int entries = rows * columns;
-        ptrdiff_t steps[MAX_OPERANDS] = {0};
+        const casadi_int entries = size_of(f, f->inputs + r);
+        ptrdiff_t steps[MAX_OPERANDS] = {0}; /* arguments and zeros are shared by the batch */
         double *left = w;
-        for (int o = 0; o < f->outputs; ++o) {
-            const casadi_int size = size_of(f, f->inputs + o) * (o == r ? entries : 1);
-            for (casadi_int k = 0; k < size; ++k) {
-                left[k] = 0.0;
-            }
-            for (casadi_int e = 0; o == r && e < entries; ++e) {
-                left[e * entries + e % rows * columns + e / rows] = 1.0; /* entry e, counted column by column */
-            }
-            steps[f->inputs + o] = o == r ? (ptrdiff_t)entries : 0;
-            in[f->inputs + o] = left;
-            left += size;
+        steps[f->inputs + r] = (ptrdiff_t)entries;
+        for (int o = f->inputs; o < f->inputs + f->outputs; ++o) {
+            in[o] = left;
+            left = o == f->inputs + r ? unit_cotangents(f->shape[o][0], f->shape[o][1], left)
+                                      : load_operand(f, o, NULL, left);
         }
         for (int o = 0; o < f->inputs; ++o) {
             out[o] = left;
@@ -160,12 +191,9 @@ void CALL(casadi_jacobian)(const CALL(casadi_function) *f, const double **arg, d
             to_entry_gradients((size_t)entries, in[0], out[0]);
         }
         for (int o = 0; o < f->inputs; ++o) {
-            const casadi_int height = f->shape[o][0], width = f->shape[o][1], size = height * width;
             double *const to = res[r * f->inputs + o];
-            for (casadi_int k = 0; to != NULL && k < size; ++k) {
-                for (casadi_int e = 0; e < entries; ++e) {
-                    to[(k / width + k % width * height) * entries + e] = out[o][e * size + k];
-                }
+            if (to != NULL) {
+                store_gradients(out[o], entries, f->shape[o][0], f->shape[o][1], to);
             }
         }
     }

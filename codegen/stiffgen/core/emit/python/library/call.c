@@ -4,7 +4,7 @@
 static PyObject *argument_names[KERNELS][MAX_OPERANDS];
 static vectorcallfunc numpys_call; /* NumPy's own call, the same for every ufunc */
 
-/* Return the index of an argument by its name, or -1 for NumPy's own (out, where, ...). */
+/* Return the index of an argument by its name, or -1 for NumPy's own keywords (out, where, ...). */
 static int argument_place(const kernel *k, PyObject *name)
 {
     PyObject *const *const names = argument_names[k - kernels];
@@ -83,58 +83,77 @@ static PyObject *checked_call(const kernel *k, PyObject *self, PyObject *const *
     return result;
 }
 
+enum { MAX_OTHERS = 16 };
+
+/* Values of a call by position: a function's arguments in order, then those of NumPy's own keywords (out, where). */
+typedef struct {
+    PyObject *value[MAX_OPERANDS + MAX_OTHERS];
+    PyObject *other[MAX_OTHERS]; /* NumPy's own keywords */
+    Py_ssize_t others;
+} ordered_call;
+
+/* Put values in order, the first `count` by position, the others by name. Return 0, with an error, for one twice. */
+static int order_values(const kernel *k, PyObject *const *args, Py_ssize_t count, PyObject *keywords, ordered_call *c)
+{
+    for (Py_ssize_t i = 0; i < count; ++i) {
+        c->value[i] = args[i];
+    }
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(keywords); ++i) {
+        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
+        const int place = argument_place(k, name);
+        if (place < 0) {
+            c->value[k->inputs + c->others] = args[count + i];
+            c->other[c->others++] = name;
+        } else if (c->value[place] != NULL) {
+            argument_error(k, "got several values for", k->argument[place]);
+            return 0;
+        } else {
+            c->value[place] = args[count + i];
+        }
+    }
+    return 1;
+}
+
+/* Call a ufunc with values in order. Return NULL, with an error, if one lacks. */
+static PyObject *ordered_result(const kernel *k, PyObject *self, const ordered_call *c)
+{
+    PyObject *names = NULL;
+    for (int i = 0; i < k->inputs; ++i) {
+        if (c->value[i] == NULL) {
+            return argument_error(k, "lacks", k->argument[i]);
+        }
+    }
+    if (c->others > 0) {
+        names = PyTuple_New(c->others);
+        if (names == NULL) {
+            return NULL;
+        }
+    }
+    for (Py_ssize_t i = 0; i < c->others; ++i) {
+        PyTuple_SET_ITEM(names, i, Py_NewRef(c->other[i]));
+    }
+    PyObject *const result = checked_call(k, self, c->value, (size_t)k->inputs, names);
+    Py_XDECREF(names);
+    return result;
+}
+
 /* Call a ufunc with named arguments. NumPy's call takes a function's arguments only by position: put them in order. */
 static PyObject *call(PyObject *self, PyObject *const *args, size_t flags, PyObject *keywords)
 {
-    enum { MAX_OTHERS = 16 };
     const kernel *const k = (const kernel *)((PyUFuncObject *)self)->data[0];
     if (keywords == NULL) {
         return checked_call(k, self, args, flags, NULL);
     }
     const Py_ssize_t count = PyVectorcall_NARGS(flags), named = PyTuple_GET_SIZE(keywords);
-    PyObject *ordered[MAX_OPERANDS + MAX_OTHERS] = {NULL};
-    PyObject *others[MAX_OTHERS];
-    Py_ssize_t left = 0;
+    ordered_call c = {{NULL}, {NULL}, 0};
     if (count > k->inputs || named > MAX_OTHERS) { /* NumPy finds the words for these */
         return checked_call(k, self, args, flags, keywords);
     }
-    for (Py_ssize_t i = 0; i < count; ++i) {
-        ordered[i] = args[i];
+    if (!order_values(k, args, count, keywords, &c)) {
+        return NULL;
     }
-    /* Arguments of the function go to their places; NumPy's own keywords (out, where) are kept behind them. */
-    for (Py_ssize_t i = 0; i < named; ++i) {
-        PyObject *const name = PyTuple_GET_ITEM(keywords, i);
-        const int place = argument_place(k, name);
-        if (place < 0) {
-            ordered[k->inputs + left] = args[count + i];
-            others[left++] = name;
-        } else if (ordered[place] != NULL) {
-            return argument_error(k, "got several values for", k->argument[place]);
-        } else {
-            ordered[place] = args[count + i];
-        }
-    }
-    if (left == named) {
-        return checked_call(k, self, args, flags, keywords);
-    }
-    for (int i = 0; i < k->inputs; ++i) {
-        if (ordered[i] == NULL) {
-            return argument_error(k, "lacks", k->argument[i]);
-        }
-    }
-    PyObject *rest = NULL;
-    if (left > 0) {
-        rest = PyTuple_New(left);
-        for (Py_ssize_t i = 0; rest != NULL && i < left; ++i) {
-            PyTuple_SET_ITEM(rest, i, Py_NewRef(others[i]));
-        }
-        if (rest == NULL) {
-            return NULL;
-        }
-    }
-    PyObject *const result = checked_call(k, self, ordered, (size_t)k->inputs, rest);
-    Py_XDECREF(rest);
-    return result;
+    const int all_are_numpys = c.others == named;
+    return all_are_numpys ? checked_call(k, self, args, flags, keywords) : ordered_result(k, self, &c);
 }
 
 /* Make a ufunc accept its arguments by name, and list the names in the module's ARGUMENTS. */
