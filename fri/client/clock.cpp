@@ -17,6 +17,9 @@ const double LARGEST_DRIFT = 1.5;
 /* Messages with one and the same time stamp that are no coarse clock's any more. */
 const int STANDING = 20;
 
+/* Periods that fit into an int with room, whatever the stamps say. */
+const double MOST_PERIODS = 1e6;
+
 /* [s] A gap that is told by the time stamps alone is not believed beyond this: the clock was set. */
 const double LARGEST_GAP = 10.0;
 
@@ -27,6 +30,7 @@ RobotClock::RobotClock()
 {
 }
 
+/* Lay the grid of periods anew, with a point at a stamp. */
 void RobotClock::lay(std::int64_t stamp)
 {
     last_ = stamp;
@@ -42,19 +46,22 @@ void RobotClock::begin_anew(std::int64_t stamp, double passed, double period)
     lay(stamp);
 }
 
-/* A counter that advanced, and a time stamp: the counter tells the periods, unless the clock shows fewer. */
+/*
+ * A counter that advanced, and a time stamp, `passed` periods after the last one: the counter tells the periods, unless
+ * these would lead the grid more than SLACK ahead of the stamps.
+ */
 void RobotClock::follow(std::uint32_t advance, std::int64_t stamp, double passed)
 {
-    const double ahead = ahead_ + advance - passed;
-    const bool set = passed < -SLACK || ahead < -SLACK; /* back, or forward beyond the counter */
-    if (last_ == 0 || set) {
+    const double ahead = ahead_ + advance - passed; /* by all that the counter tells */
+    const bool is_set_back = passed < -SLACK, is_set_forward = ahead < -SLACK;
+    if (last_ == 0 || is_set_back || is_set_forward) {
         bad_ = bad_ || last_ != 0;
         periods_ = static_cast<int>(advance);
         lay(stamp);
         return;
     }
-    const double excess = std::max(0.0, std::ceil(ahead - SLACK));
-    periods_ = std::max(0, static_cast<int>(advance) - static_cast<int>(std::min(excess, 1e6)));
+    const double excess = std::min(std::max(0.0, std::ceil(ahead - SLACK)), MOST_PERIODS);
+    periods_ = std::max(0, static_cast<int>(advance) - static_cast<int>(excess));
     last_ = stamp;
     ahead_ = ahead_ + periods_ - passed;
     ahead_ -= std::fabs(ahead_) < LARGEST_DRIFT ? DRIFT * ahead_ : 0.0;

@@ -48,26 +48,35 @@ Connection::Connection(Datagrams &datagrams, double patience)
     std::memset(&traffic_, 0, sizeof traffic_);
 }
 
-/* Check that the message follows the last one. */
-Fault Connection::order(const Message &message, std::uint32_t *advance)
+/* Note a counter far from the session's. Return whether several in a row have told that the robot counts anew. */
+bool Connection::counts_anew(std::uint32_t counter)
 {
+    const std::uint32_t since = counter - elsewhere_;
+    const bool goes_on = in_a_row_ > 0 && since > 0 && since <= REORDER_WINDOW;
+    in_a_row_ = goes_on ? in_a_row_ + 1 : 1;
+    elsewhere_ = counter;
+    return in_a_row_ >= ANEW;
+}
+
+/*
+ * Check that the message follows the last one, and go on from it. advance: its counter's periods since the last one, 0
+ * if that is not known. Counters and their differences wrap round at 2^32: one behind is far ahead.
+ */
+Fault Connection::follow_counter(const Message &message, std::uint32_t *advance)
+{
+    const std::uint32_t ahead = message.sequence - sequence_, behind = sequence_ - message.sequence;
     *advance = 0;
-    if (sequence_known_) {
-        const std::uint32_t ahead = message.sequence - sequence_, behind = sequence_ - message.sequence;
-        if (ahead == 0) {
-            return FAULT_DUPLICATE;
+    if (sequence_known_ && ahead == 0) {
+        return FAULT_DUPLICATE;
+    }
+    if (sequence_known_ && ahead > LARGEST_GAP) {
+        const bool is_anew = counts_anew(message.sequence);
+        if (behind <= REORDER_WINDOW || !is_anew) { /* overtaken by the last one, or not sure yet */
+            return FAULT_OUT_OF_ORDER;
         }
-        if (ahead > LARGEST_GAP) { /* overtaken, or the robot counts anew: several in a row tell */
-            const std::uint32_t since = message.sequence - elsewhere_;
-            in_a_row_ = in_a_row_ > 0 && since > 0 && since <= REORDER_WINDOW ? in_a_row_ + 1 : 1;
-            elsewhere_ = message.sequence;
-            if (behind <= REORDER_WINDOW || in_a_row_ < ANEW) {
-                return FAULT_OUT_OF_ORDER;
-            }
-        } else {
-            *advance = ahead;
-            traffic_.lost_messages += ahead - 1;
-        }
+    } else if (sequence_known_) {
+        *advance = ahead;
+        traffic_.lost_messages += ahead - 1;
     }
     in_a_row_ = 0;
     sequence_ = message.sequence;
@@ -75,8 +84,8 @@ Fault Connection::order(const Message &message, std::uint32_t *advance)
     return FAULT_NONE;
 }
 
-/* Count the answers that the robot has seen. */
-void Connection::reflection(const Message &message)
+/* Count the answers that the robot has not seen: a message reflects the counter of the last one that it has. */
+void Connection::count_answers(const Message &message)
 {
     if (!answered_ || last_answer_ - message.reflected > LARGEST_GAP) {
         return;
@@ -99,7 +108,7 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
     if (fault == FAULT_NONE && sequence_known_ && !datagrams_.from_peer()) {
         fault = FAULT_SENDER;
     } else if (fault == FAULT_NONE) {
-        fault = order(*message, advance);
+        fault = follow_counter(*message, advance);
     } else if (other_framing(bytes, count)) { /* a robot of another FRI version */
         ++traffic_.other_framing;
     }
@@ -109,7 +118,7 @@ bool Connection::take(const std::uint8_t *bytes, int size, Message *message, std
         return false;
     }
     datagrams_.adopt_peer();
-    reflection(*message);
+    count_answers(*message);
     return true;
 }
 
@@ -127,15 +136,16 @@ int Connection::next(double wait, double *age)
  */
 int Connection::collect(Buffer buffer, std::size_t capacity, double give_up, std::uint32_t *advance)
 {
-    int taken = -1;
+    int taken = -1; /* size of the newest message */
     bool anew = false;
     for (int looked_at = 0; taken < 0 || looked_at < MOST_WAITING; ++looked_at) {
-        const double left = std::max(give_up - monotonic_time(), 0.0);
-        if (taken < 0 && left <= 0.0 && looked_at > 0) {
+        const bool has_message = taken >= 0;
+        const double left = std::max(give_up - monotonic_time(), 0.0); /* [s] */
+        if (!has_message && left <= 0.0 && looked_at > 0) {
             break; /* refused datagrams alone, without a pause */
         }
         double age = 0.0;
-        const int size = next(taken < 0 ? left : 0.0, &age);
+        const int size = next(has_message ? 0.0 : left, &age); /* with a message, what waits alone */
         if (size < 0) {
             break;
         }
@@ -144,7 +154,7 @@ int Connection::collect(Buffer buffer, std::size_t capacity, double give_up, std
         if (!take(scratch_, size, &message, &periods)) {
             continue;
         }
-        traffic_.overtaken += taken >= 0 ? 1 : 0;
+        traffic_.overtaken += has_message ? 1 : 0;
         *advance = add_periods(*advance, periods, &anew);
         taken = size;
         arrival_.message = message;
@@ -157,6 +167,13 @@ int Connection::collect(Buffer buffer, std::size_t capacity, double give_up, std
     return taken;
 }
 
+/* Count a silence: after it the next message may have any counter. */
+void Connection::note_silence()
+{
+    traffic_.timeouts += traffic_.messages > 0 ? 1 : 0;
+    sequence_known_ = false;
+}
+
 /* Return the size of the newest message, in the buffer, or -1 after a silence, a signal or the deadline. */
 int Connection::receive(Buffer buffer, Size capacity)
 {
@@ -165,17 +182,15 @@ int Connection::receive(Buffer buffer, Size capacity)
     arrival_.refused = signalled_ = false;
     const int taken = collect(buffer, static_cast<std::size_t>(capacity), give_up, &advance);
     handed_on_ = taken >= 0;
-    if (!handed_on_ && signalled_) {
-        return -1; /* no silence */
-    }
     if (!handed_on_) {
-        traffic_.timeouts += traffic_.messages > 0 ? 1 : 0;
-        sequence_known_ = false; /* after a silence the next message may have any counter */
+        if (!signalled_) {
+            note_silence();
+        }
         return -1;
     }
-    /* 1.x alone sends the commanded position. */
     const Message &message = arrival_.message;
-    arrival_.other_version = message.has_measurement && message.has_commanded_position != (FRI_VERSION < 200);
+    const bool sends_commanded_position = FRI_VERSION < 200; /* 1.x alone does */
+    arrival_.other_version = message.has_measurement && message.has_commanded_position != sends_commanded_position;
     traffic_.other_version += arrival_.other_version ? 1 : 0;
     arrival_.advance = advance;
     ++traffic_.messages;

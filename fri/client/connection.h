@@ -77,8 +77,10 @@ private:
     int next(double wait, double *age);
     int collect(Buffer buffer, std::size_t capacity, double give_up, std::uint32_t *advance);
     bool take(const std::uint8_t *bytes, int size, Message *message, std::uint32_t *advance);
-    Fault order(const Message &message, std::uint32_t *advance);
-    void reflection(const Message &message);
+    Fault follow_counter(const Message &message, std::uint32_t *advance);
+    bool counts_anew(std::uint32_t counter);
+    void count_answers(const Message &message);
+    void note_silence();
 
     Datagrams &datagrams_;
     const double patience_;

@@ -89,16 +89,24 @@ void WipingClient::watch_pace()
     }
 }
 
+/* Return the time [s] since the last message by which the trajectory may advance, and take it from the allowance. */
+double WipingClient::take_time()
+{
+    /* A gap that is too long counts as one period: a jump of the reference would be worse than a late trajectory. */
+    const double passed = (clock_.periods() > LONGEST_GAP ? 1 : clock_.periods()) * sample_time_;
+    if (settings_.simulated_time) {
+        return passed;
+    }
+    /* Last check, by this computer's clock, should both counter and time stamps of the robot be wrong. */
+    const double seconds = std::min(passed, allowance_);
+    allowance_ -= seconds;
+    return seconds;
+}
+
 /* Advance the trajectory by the time since the last message, unless the controller has a fault. */
 void WipingClient::advance()
 {
-    /* A gap that is too long counts as one period: a jump of the reference would be worse than a late trajectory. */
-    double seconds = (clock_.periods() > LONGEST_GAP ? 1 : clock_.periods()) * sample_time_;
-    if (!settings_.simulated_time) {
-        /* Last check, by this computer's clock, should both counter and time stamps of the robot be wrong. */
-        seconds = std::min(seconds, allowance_);
-        allowance_ -= seconds;
-    }
+    const double seconds = take_time();
     if (question_.state() == Question::NO) {
         let_go(LET_GO_DECLINED);
     }

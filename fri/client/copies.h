@@ -57,6 +57,7 @@ public:
     int late() const { return late_; }   /* messages by which they are late */
 
 private:
+    /* Messages kept; bits that a copy must have, and that one step counts at most; positions compared before one. */
     enum { LONGEST = 128, BITS = 24, BITS_OF_STEP = 5, LONGEST_MATCH = 4 };
 
     double past(int joint, int back) const { return past_[(count_ - static_cast<unsigned>(back)) % LONGEST][joint]; }
@@ -67,7 +68,8 @@ private:
     void compare(int i, double q, double step)
     {
         const bool goes_on = lag_[i] > 0 && past(i, lag_[i]) == q;
-        if (!goes_on || count_ - begin_[i] >= static_cast<unsigned>(lag_[i])) {
+        const bool repeats_itself = count_ - begin_[i] >= static_cast<unsigned>(lag_[i]);
+        if (!goes_on || repeats_itself) {
             lag_[i] = find(i, q);
             begin_[i] = count_;
             bits_[i] = 0;
@@ -76,16 +78,23 @@ private:
         }
     }
 
+    /* Return how many positions before the one `back` messages ago are those before the newest: up to LONGEST_MATCH. */
+    int common(int i, int back) const
+    {
+        int same = 0;
+        while (same < LONGEST_MATCH && past(i, back + same + 1) == past(i, same + 1)) {
+            ++same;
+        }
+        return same;
+    }
+
     /* Return how many messages ago a joint was at q, with the most positions before it in common; 0: never. */
     int find(int i, double q) const
     {
         const int most = static_cast<int>(std::min<unsigned>(count_, LONGEST)) - LONGEST_MATCH;
         int found = 0, longest = -1;
         for (int back = 2; back <= most && time_ - when(back) <= span_; ++back) {
-            int same = past(i, back) == q ? 0 : -1;
-            while (same >= 0 && same < LONGEST_MATCH && past(i, back + same + 1) == past(i, same + 1)) {
-                ++same;
-            }
+            const int same = past(i, back) == q ? common(i, back) : -1;
             if (same > longest) {
                 found = back;
                 longest = same;

@@ -45,7 +45,7 @@ public:
     {
         count_ = elapsed > 0.0 ? count_ : 0;
         time_ += elapsed;
-        unsigned back = count_ > 0 ? 1 : 0;
+        unsigned back = count_ > 0 ? 1 : 0; /* position at least a span before this one, or the first; 0: none */
         while (back < std::min<unsigned>(count_, LONGEST - 1) && time_ - when(back) < (1.0 - ROUNDED) * span_) {
             ++back;
         }
@@ -53,6 +53,7 @@ public:
         when_[count_ % LONGEST] = time_;
         ++count_;
         for (int i = 0; i < JOINTS && back > 0; ++i) {
+            /* past(1) is this position now: the last one is past(2), and the span's beginning past(back + 1). */
             velocity_[i] = (q[i] - past(back + 1)[i]) / (time_ - when(back + 1));
             quotient_[i] = (q[i] - past(2)[i]) / elapsed;
         }
@@ -63,7 +64,7 @@ public:
 
 private:
     enum { LONGEST = 64 };
-    static constexpr double ROUNDED = 1e-6;
+    static constexpr double ROUNDED = 1e-6; /* share of the span by which sums of periods may fall short */
 
     const double *past(unsigned back) const { return past_[(count_ - back) % LONGEST]; }
     double when(unsigned back) const { return when_[(count_ - back) % LONGEST]; }
@@ -88,13 +89,16 @@ public:
         }
     }
 
-    /* elapsed: [s] since the last position, > 0. */
+    /*
+     * elapsed: t [s] since the last position, > 0. With the time constant T the output moves by 1 - e^(-t/T) of its
+     * distance from the old input, and by 1 - T/t (1 - e^(-t/T)) of the input's straight way to the new one.
+     */
     void update(const double *q, double elapsed)
     {
-        const double gone = -std::expm1(-elapsed / TIME_CONSTANT), mean = TIME_CONSTANT / elapsed * gone;
+        const double of_distance = -std::expm1(-elapsed / TIME_CONSTANT);
+        const double of_way = 1.0 - TIME_CONSTANT / elapsed * of_distance;
         for (int i = 0; i < JOINTS; ++i) {
-            /* Towards the old input for the whole time, and towards its ramp to the new one. */
-            const double moved = gone * (input_[i] - output_[i]) + (1.0 - mean) * (q[i] - input_[i]);
+            const double moved = of_distance * (input_[i] - output_[i]) + of_way * (q[i] - input_[i]);
             output_[i] = known_ ? output_[i] + moved : q[i];
             input_[i] = q[i];
         }

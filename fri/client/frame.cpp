@@ -33,14 +33,14 @@ enum Type {
     TYPE_COUNT
 };
 
-/* A field of a message: its kind; for CHOICE the largest value, for TEXT the longest, for PART the message in it; how
- * often it must and may be there. Fields that are not in the table are skipped, as in every decoder of the format. */
+/* A field of a message of type `of`. Fields that are not in the table are skipped, as in every decoder of the format. A
+ * row of the table: type, number, kind, more, least, most. */
 struct Field {
     Type of;
     std::uint32_t number;
     Kind kind;
-    std::uint32_t more;
-    std::size_t least, most;
+    std::uint32_t more;      /* CHOICE: largest value; TEXT: longest; PART: type of the message in it; else 0 */
+    std::size_t least, most; /* how often it must and may be there */
 };
 
 const std::size_t ANY = DATAGRAM_SIZE;

@@ -252,7 +252,7 @@ const char *refusal_of(const std::string &name)
     return "no such option; see fri_wiping --help";
 }
 
-/* Refuse names that are not written out: getopt_long takes any beginning, and a misspelt option must not set another. */
+/* Refuse names that are not written out: getopt_long takes any beginning, and a misspelt one must not set another. */
 void refuse_unknown(int argc, char **argv, const std::vector<option> &known)
 {
     for (int i = 1; i < argc; ++i) {

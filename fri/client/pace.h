@@ -39,7 +39,7 @@ public:
         consider(lag, limits_.lag, LAG, &wanted);
         consider(energy, limits_.energy, ENERGY, &wanted);
         consider(force, limits_.force, FORCE, &wanted);
-        /* Near a limit the rate may swing, so that creeping counts as standing in part. */
+        /* Near a limit the rate may swing, so that creeping counts as standing in part, and a faster rate against. */
         const double stands = 1.0 - std::min(wanted, pace_) / CREEP;
         standing_ = hold ? 0.0 : std::max(standing_ + seconds * stands, 0.0);
         wanted = hold ? 0.0 : wanted;
@@ -54,6 +54,7 @@ public:
 private:
     /* [s] from the full rate to a standstill, and back. */
     static constexpr double TIME = 0.25;
+    /* Share of a limit up to which the rate is full; rate below which creeping counts as standing in part. */
     static constexpr double FULL = 0.7, CREEP = 0.1;
 
     void consider(double value, double limit, Reason reason, double *wanted)

@@ -29,6 +29,24 @@ void axis_of(const double *pose, double *axis)
     }
 }
 
+/* Return what Press is asked for: a force [N] along the axis of the pose at the sample's q0, 0 for none. */
+robot::PressInput question(const robot::Input &sample, const double *wrench, double force)
+{
+    robot::PressInput asked;
+    robot::pose(sample.q0, asked.pose);
+    copy(sample.translation_stiffness, asked.translation_stiffness, 9);
+    copy(sample.rotation_stiffness, asked.rotation_stiffness, 9);
+    axis_of(asked.pose, asked.axis);
+    asked.force = force;
+    if (force > 0.0) {
+        copy(wrench, asked.wrench, 6);
+    } else {
+        fill(asked.wrench, 0.0, 6); /* without a force it may be no number */
+    }
+    asked.search = 0; /* a lost contact stays lost */
+    return asked;
+}
+
 } // namespace
 
 Pressing::Pressing(double force, double error_limit)
@@ -57,16 +75,8 @@ void Pressing::step(const robot::Output *last, const double *wrench, bool reache
         return;
     }
     watch(sample->q0);
-    robot::PressInput asked;
+    const robot::PressInput asked = question(*sample, wrench, reached && wanted && end_ == HELD ? force_ : 0.0);
     robot::PressOutput made;
-    robot::pose(sample->q0, asked.pose);
-    copy(sample->translation_stiffness, asked.translation_stiffness, 9);
-    copy(sample->rotation_stiffness, asked.rotation_stiffness, 9);
-    axis_of(asked.pose, asked.axis);
-    asked.force = reached && wanted && end_ == HELD ? force_ : 0.0;
-    fill(asked.wrench, 0.0, 6); /* without a force it may be no number */
-    copy(wrench, asked.wrench, asked.force > 0.0 ? 6 : 0);
-    asked.search = 0;
     robot::step(&press_, &asked, last, &made); /* after an error the last good pose, without a force */
     const bool is_moved = std::any_of(press_.offset, press_.offset + 3, [](double part) { return part != 0.0; });
     if (reached && end_ == HELD) { /* while the trajectory rests: Follow begins without a velocity */
@@ -78,7 +88,7 @@ void Pressing::step(const robot::Output *last, const double *wrench, bool reache
     note(made);
 }
 
-/* Note whether the trajectory rests. */
+/* Note whether the trajectory rests: from sample to sample, no joint is faster than REST. */
 void Pressing::watch(const double *q0)
 {
     rests_ = true;
@@ -88,16 +98,20 @@ void Pressing::watch(const double *q0)
     copy(q0, last_, JOINTS);
 }
 
-/* Note what became of the force. */
+/* Note what became of the force; what ended it first stays. */
 void Pressing::note(const robot::PressOutput &made)
 {
+    const double whole_way = offset_limit_ / press_.config.approach_speed; /* [s] */
     touched_ = touched_ || made.stage == robot::PRESS_CONTACT;
     sought_ = made.stage == robot::PRESS_APPROACH ? sought_ + controller_.sample_time : 0.0;
-    if (end_ == HELD && sought_ > offset_limit_ / press_.config.approach_speed + PATIENCE) {
+    if (end_ != HELD) {
+        return;
+    }
+    if (sought_ > whole_way + PATIENCE) {
         end_ = MISSED;
-    } else if (end_ == HELD && made.stage == robot::PRESS_LOST) {
+    } else if (made.stage == robot::PRESS_LOST) {
         end_ = LOST;
-    } else if (end_ == HELD && made.stage == robot::PRESS_DOUBTED) {
+    } else if (made.stage == robot::PRESS_DOUBTED) {
         end_ = DOUBTED;
     }
 }

@@ -16,8 +16,30 @@ const double LONGEST_PRESSING = 0.0051;
 /* [rad] Coarsest resolution whose last bits show that a joint gives way, also to the controller. */
 const double FINE = 1e-6;
 
-/* [rad] beyond a joint's limit that a position is believed. */
+/* [rad] beyond a joint's limit that a position is believed: the controller's own tolerance. */
 const double POSITION_TOLERANCE = 0.1;
+
+/* [s] up to which periods are the same, and share of one: they are decimal fractions in binary. */
+const double SAME_PERIOD = 1e-6, PERIOD_SHARE = 0.001;
+
+/* Samples in a row beyond the speed limit that are no noise. */
+const int FAST_SAMPLES = 2;
+
+bool is_same_period(double a, double b)
+{
+    return std::fabs(a - b) < SAME_PERIOD;
+}
+
+/* Return the first joint that is measured far beyond its limits, -1 for none. */
+int find_wild_joint(const double *q)
+{
+    for (int i = 0; i < JOINTS; ++i) {
+        if (q[i] < robot::lower(i) - POSITION_TOLERANCE || q[i] > robot::upper(i) + POSITION_TOLERANCE) {
+            return i;
+        }
+    }
+    return -1;
+}
 
 } // namespace
 
@@ -42,12 +64,13 @@ void WipingClient::watch_period()
 {
     /* [s]; expected: 0 for any */
     const double period = robotState().getSampleTime(), expected = settings_.sample_time;
-    const bool usable = period > 0.999 * SHORTEST_PERIOD && period < 1.001 * LONGEST_PERIOD &&
-                        (expected <= 0.0 || std::fabs(period - expected) < 1e-6);
+    const bool in_range =
+        period > (1.0 - PERIOD_SHARE) * SHORTEST_PERIOD && period < (1.0 + PERIOD_SHARE) * LONGEST_PERIOD;
+    const bool usable = in_range && (expected <= 0.0 || is_same_period(period, expected));
     reported_period_ = period;
     if (usable && sample_time_ <= 0.0) {
         adopt(period);
-    } else if (usable && std::fabs(period - sample_time_) < 1e-6) {
+    } else if (usable && is_same_period(period, sample_time_)) {
         other_period_ = 0;
     } else {
         event(EVENT_PERIOD, &counters_.other_periods);
@@ -64,28 +87,9 @@ void WipingClient::watch_period()
     }
 }
 
-/* Return whether a position is within the limits and the controller's tolerance of 0.1 rad. One wild value must not stay in the
- * filters. */
-bool WipingClient::within_limits(const double *q)
+/* Advance the robot's clock by a message, and count what it lost. */
+void WipingClient::watch_clock(const Arrival &arrival)
 {
-    for (int i = 0; i < JOINTS; ++i) {
-        if (q[i] < robot::lower(i) - POSITION_TOLERANCE || q[i] > robot::upper(i) + POSITION_TOLERANCE) {
-            wild_joint_ = i;
-            wild_position_ = q[i];
-            return false;
-        }
-    }
-    return true;
-}
-
-/* Note what a message says beside the position: period, time, losses, wrench, mode, quality and button. */
-void WipingClient::observe()
-{
-    const Arrival &arrival = connection_.arrival();
-    ++counters_.cycles;
-    events_ |= arrival.refused ? EVENT_BAD_DATAGRAM : 0;
-    events_ |= arrival.other_version ? EVENT_OTHER_VERSION : 0;
-    watch_period();
     clock_.update(arrival.advance, arrival.message.stamp, sample_time_);
     if (clock_.bad_stamp()) {
         event(EVENT_BAD_TIMESTAMP, &counters_.bad_timestamps);
@@ -95,38 +99,65 @@ void WipingClient::observe()
         events_ |= EVENT_LOST_CYCLES;
     }
     counters_.clock_standing += clock_.standing() ? 1 : 0;
-    wrench_.observe(clock_.periods() * sample_time_, q_);
-    since_wrench_ += clock_.periods() * sample_time_;
-    watch_samples();
-    watch_robot();
+}
+
+/* Return whether the robot's clock was set: how much time has passed since the last position is then unknown. */
+bool WipingClient::clock_was_set() const
+{
+    return clock_.bad_stamp() && connection_.arrival().message.stamp != 0;
+}
+
+/* Note quality and button. A button that disappears from the messages counts as pressed. */
+void WipingClient::watch_button(const Message &message)
+{
     const int quality = robotState().getConnectionQuality();
     if (quality < quality_) {
         event(EVENT_QUALITY_DROP, &counters_.quality_drops);
     }
     quality_ = quality;
-    /* A button that disappears from the messages counts as pressed. */
-    has_button_ = has_button_ || arrival.message.has_button;
-    button_ = has_button_ && (!arrival.message.has_button || robotState().getBooleanIOValue(BUTTON));
+    has_button_ = has_button_ || message.has_button;
+    button_ = has_button_ && (!message.has_button || robotState().getBooleanIOValue(BUTTON));
     events_ |= button_ ? EVENT_HOLD : 0;
 }
 
-/* Take a measured position that is believed into the filters; fresh: the robot's clock has gone on. */
+/* Note what a message says: first period and time, which all others need, then position, mode, quality and button. */
+void WipingClient::observe()
+{
+    const Arrival &arrival = connection_.arrival();
+    ++counters_.cycles;
+    events_ |= arrival.refused ? EVENT_BAD_DATAGRAM : 0;
+    events_ |= arrival.other_version ? EVENT_OTHER_VERSION : 0;
+    watch_period();
+    watch_clock(arrival);
+    const double passed = clock_.periods() * sample_time_; /* [s] */
+    wrench_.observe(passed, q_);
+    since_wrench_ += passed;
+    watch_samples();
+    watch_robot();
+    watch_button(arrival.message);
+}
+
+/* Take a believed position of a moment after the last one: into the velocity, and the searches for false positions. */
+void WipingClient::take_fresh_position(const double *q)
+{
+    const double elapsed = clock_was_set() ? 0.0 : since_position_; /* [s]; 0: unknown */
+    copy(q, q_, JOINTS);
+    velocity_.update(q, elapsed);
+    has_velocity_ = elapsed > 0.0;
+    copies_.add(q, since_position_, sample_time_);
+    if (copies_.joint() >= 0 && controlling_) {
+        let_go(LET_GO_COPIES);
+    }
+    watch_standing(q);
+    since_position_ = 0.0;
+}
+
+/* Take a believed position; fresh: the robot's clock has gone on. The arm moves even while that clock stands still. */
 void WipingClient::take_position(const double *q, bool fresh)
 {
     if (fresh) {
-        copy(q, q_, JOINTS);
-        /* While the clock is set the time since the last position is unknown. */
-        const double elapsed = clock_.bad_stamp() && connection_.arrival().message.stamp != 0 ? 0.0 : since_position_;
-        velocity_.update(q, elapsed);
-        copies_.add(q, since_position_, sample_time_);
-        if (copies_.joint() >= 0 && controlling_) {
-            let_go(LET_GO_COPIES);
-        }
-        watch_standing(q);
-        has_velocity_ = elapsed > 0.0;
-        since_position_ = 0.0;
+        take_fresh_position(q);
     }
-    /* The arm moves even while the robot's clock stands still. */
     follower_.update(q, std::max(since_followed_, sample_time_));
     since_followed_ = 0.0;
 }
@@ -166,7 +197,12 @@ void WipingClient::watch_samples()
     const double *const q = robotState().getMeasuredJointPosition();
     const bool fresh = clock_.periods() > 0 && !clock_.standing();
     const bool positions = connection_.arrival().message.has_position && all_finite(q, JOINTS);
-    const bool believed = positions && within_limits(q);
+    const int wild = positions ? find_wild_joint(q) : -1;
+    const bool believed = positions && wild < 0; /* one wild value must not stay in the filters */
+    if (wild >= 0) {
+        wild_joint_ = wild;
+        wild_position_ = q[wild];
+    }
     has_velocity_ = false;
     since_position_ += clock_.periods() * sample_time_;
     since_followed_ += clock_.periods() * sample_time_;
@@ -178,22 +214,28 @@ void WipingClient::watch_samples()
     count_defect(defect);
 }
 
-/* Find the defects of the message: missing or implausible positions, missing torques. */
+/* Return the gravest defect of the message. believed: all positions are within the limits. */
 Defect WipingClient::find_defect(bool positions, bool believed, bool torques) const
 {
-    if (!positions || !torques) {
-        return positions ? DEFECT_TORQUE : DEFECT_POSITION;
+    if (!positions) {
+        return DEFECT_POSITION;
+    }
+    if (!torques) {
+        return DEFECT_TORQUE;
     }
     if (!believed) {
         return DEFECT_LIMIT;
     }
-    if (clock_.standing() || clock_.periods() == 0) {
-        return clock_.standing() ? DEFECT_STANDING : DEFECT_TIME;
+    if (clock_.standing()) {
+        return DEFECT_STANDING;
+    }
+    if (clock_.periods() == 0) {
+        return DEFECT_TIME;
     }
     if (wrench_.silent()) {
         return DEFECT_SENSOR;
     }
-    return clock_.bad_stamp() && connection_.arrival().message.stamp != 0 ? DEFECT_CLOCK_SET : DEFECT_NONE;
+    return clock_was_set() ? DEFECT_CLOCK_SET : DEFECT_NONE;
 }
 
 /* Count a message and its defect; let go if too many messages have one. */
@@ -260,7 +302,7 @@ void WipingClient::watch_speed()
     if (has_velocity_) {
         fast_samples_ = fast < 0 ? 0 : fast_samples_ + 1;
     }
-    if (controlling_ && fast_samples_ > 2) {
+    if (controlling_ && fast_samples_ > FAST_SAMPLES) {
         fast_joint_ = let_go_ == LET_GO_NONE ? fast : fast_joint_;
         let_go(LET_GO_SPEED);
     }

@@ -153,9 +153,10 @@ std::string controller_text(const WipingClient &client)
     const robot::Output &output = client.output();
     char fault[256];
     robot::fault_text(&output, fault, sizeof fault);
-    const std::string said =
-        (output.fault == robot::FAULT_SENSOR ? "the measured positions are not believed: " : "the controller latched a fault: ") +
-        std::string(fault);
+    const bool of_sensor = output.fault == robot::FAULT_SENSOR;
+    const char *const start =
+        of_sensor ? "the measured positions are not believed: " : "the controller latched a fault: ";
+    const std::string said = std::string(start) + fault;
     switch (output.reason) {
     case robot::REASON_FROZEN: return said + "; check the joint's encoder, and see --position-quantum";
     case robot::REASON_SHAKING: return said + "; see --delay-samples and --stiffness";
@@ -226,15 +227,20 @@ void watch_messages(const Options &options, WipingClient &client, const Connecti
     }
 }
 
-/* Return whether the client leaves now, with nobody there to bring the torque down for. */
-bool leaves(const Options &options, const WipingClient &client, Connection &connection, double now, Watch *watch)
+/* Set when the client leaves at the latest, once it lets go. */
+void watch_release(const Options &options, const WipingClient &client, Connection &connection, double now, Watch *watch)
 {
     if (client.gone() != LET_GO_NONE && watch->deadline <= 0.0) {
         watch->deadline = now + (options.settings.simulated_time ? 1e-3 * options.timeout : LONGEST_RELEASE);
         connection.set_deadline(watch->deadline);
     }
+}
+
+/* Return whether the client leaves now: too late, or with nobody there to bring the torque down for. */
+bool leaves(const WipingClient &client, const Connection &connection, double now, const Watch &watch)
+{
     const bool silent = client.gone() == LET_GO_USELESS && !connection.handed_on();
-    return watch->deadline > 0.0 && (now > watch->deadline || silent);
+    return watch.deadline > 0.0 && (now > watch.deadline || silent);
 }
 
 /* Return how the session ended. */
@@ -338,7 +344,8 @@ Ending run_session(const Options &options, WipingClient &client, Connection &con
         if (interrupts > 0) {
             client.let_go(LET_GO_INTERRUPTED);
         }
-        if (leaves(options, client, connection, now, &watch)) {
+        watch_release(options, client, connection, now, &watch);
+        if (leaves(client, connection, now, watch)) {
             break;
         }
     }

@@ -23,6 +23,31 @@ double since(const struct timespec &then)
     return static_cast<double>(now.tv_sec - then.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec - then.tv_nsec);
 }
 
+/* Return a port of this computer, at all of its addresses. */
+struct sockaddr_in any_address(int port)
+{
+    struct sockaddr_in address;
+    std::memset(&address, 0, sizeof address);
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_ANY);
+    address.sin_port = htons(static_cast<unsigned short>(port));
+    return address;
+}
+
+/* Return how long ago [s] the kernel received a datagram, by the time stamp that came with it; 0 without one. */
+double age_of(struct msghdr &message)
+{
+    double age = 0.0;
+    for (struct cmsghdr *item = CMSG_FIRSTHDR(&message); item != NULL; item = CMSG_NXTHDR(&message, item)) {
+        if (item->cmsg_level == SOL_SOCKET && item->cmsg_type == SCM_TIMESTAMPNS) {
+            struct timespec then;
+            std::memcpy(&then, CMSG_DATA(item), sizeof then);
+            age = std::max(0.0, since(then));
+        }
+    }
+    return age;
+}
+
 } // namespace
 
 UdpSocket::UdpSocket() : socket_(-1), connected_(false)
@@ -40,24 +65,19 @@ UdpSocket::~UdpSocket()
 bool UdpSocket::open(int port, const char *host)
 {
     UdpSocket::close();
-    struct sockaddr_in local;
-    std::memset(&local, 0, sizeof local);
-    local.sin_family = AF_INET;
-    local.sin_addr.s_addr = htonl(INADDR_ANY);
-    local.sin_port = htons(static_cast<unsigned short>(port));
-    peer_ = local; /* with the host's address, if one is named: the robot sends from the same port */
+    struct sockaddr_in local = any_address(port), remote = local; /* the robot sends from the same port */
+    std::memset(&peer_, 0, sizeof peer_);
     std::memset(&from_, 0, sizeof from_);
     connected_ = host != NULL && host[0] != '\0';
-    if (port < 1 || port > 65535 || (connected_ && inet_pton(AF_INET, host, &peer_.sin_addr) != 1)) {
+    if (port < 1 || port > 65535 || (connected_ && inet_pton(AF_INET, host, &remote.sin_addr) != 1)) {
         return false;
     }
     socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (socket_ < 0) {
         return false;
     }
-    struct sockaddr_in remote = peer_;
-    if (!connected_) {
-        std::memset(&peer_, 0, sizeof peer_);
+    if (connected_) {
+        peer_ = remote;
     }
     const int on = 1;
     if (::setsockopt(socket_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) != 0 ||
@@ -108,14 +128,7 @@ int UdpSocket::receive(std::uint8_t *bytes, std::size_t capacity, double wait, d
     if (count < 0) {
         return -1;
     }
-    *age = 0.0;
-    for (struct cmsghdr *item = CMSG_FIRSTHDR(&message); item != NULL; item = CMSG_NXTHDR(&message, item)) {
-        if (item->cmsg_level == SOL_SOCKET && item->cmsg_type == SCM_TIMESTAMPNS) {
-            struct timespec then;
-            std::memcpy(&then, CMSG_DATA(item), sizeof then);
-            *age = std::max(0.0, since(then));
-        }
-    }
+    *age = age_of(message);
     return static_cast<int>(count);
 }
 

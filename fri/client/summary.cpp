@@ -132,7 +132,6 @@ void Summary::set_faults(const Counters &c, const Traffic &traffic)
     }
 }
 
-/* Fill the controller's settings, from which a replay configures its own. */
 /* Fill the controller's settings, from which a replay configures its own, in SI units. */
 void Summary::set_controller(const robot::Config &config, const Settings &settings)
 {

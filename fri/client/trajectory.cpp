@@ -23,6 +23,12 @@ const double REST = 0.05;
 /* Largest file that is read. */
 const std::streamoff LARGEST = 256 << 20;
 
+/* Share of its velocity limit that a joint has at most in the move to the trajectory. */
+const double APPROACH_SHARE = 0.25;
+
+/* Greatest velocity of the move over its mean one: the derivative 30 s^2 (1 - s)^2 of its polynomial at s = 1/2. */
+const double PEAK = 15.0 / 8.0;
+
 [[noreturn]] void refuse(const std::string &path, const std::string &what)
 {
     throw std::runtime_error("trajectory " + path + ": " + what);
@@ -142,7 +148,10 @@ void Trajectory::check(const std::string &path) const
     }
 }
 
-/* Set dq of each sample to the slope of a line fitted to the samples around it; 0 at both ends. */
+/*
+ * Set dq of each sample to the slope of a line fitted to the `width` samples on either side; 0 at both ends. Of least
+ * squares it is the sum of k q_k over that of k^2, for k from -width to width, in rad per period.
+ */
 void Trajectory::differentiate()
 {
     for (int s = 1; s + 1 < count(); ++s) {
@@ -165,30 +174,29 @@ void Trajectory::at(double time, double *q) const
     const int s = std::min(static_cast<int>(place), count() - 2);
     const double u = place - s;
     for (int j = 0; j < JOINTS; ++j) {
-        /* Cubic Hermite polynomial. */
-        const double p = sample(s).q[j], a = sample(s).dq[j] * period_, b = sample(s + 1).dq[j] * period_;
-        const double way = sample(s + 1).q[j] - p;
+        /* Cubic Hermite polynomial of u in [0, 1]: from p by the way, with the slopes a at 0 and b at 1 [rad]. */
+        const double p = sample(s).q[j], way = sample(s + 1).q[j] - p;
+        const double a = sample(s).dq[j] * period_, b = sample(s + 1).dq[j] * period_;
         q[j] = p + u * (a + u * (3.0 * way - 2.0 * a - b + u * (a + b - 2.0 * way)));
     }
 }
 
-/* Plan the move, at least `least` [s] long, at most at a quarter of each joint's velocity limit. */
+/* Plan the move, at least `least` [s] long, at most at APPROACH_SHARE of each joint's velocity limit. */
 void Approach::plan(const double *from, const double *to, double least)
 {
     duration_ = least;
     for (int j = 0; j < JOINTS; ++j) {
         from_[j] = from[j];
         to_[j] = to[j];
-        /* The greatest velocity is 15/8 of the mean one. */
-        duration_ = std::max(duration_, 1.875 * std::fabs(to[j] - from[j]) / (0.25 * robot::velocity(j)));
+        duration_ = std::max(duration_, PEAK * std::fabs(to[j] - from[j]) / (APPROACH_SHARE * robot::velocity(j)));
     }
 }
 
-/* Return the position (7) [rad] at a time [s], by a polynomial that starts and ends without acceleration. */
+/* Return the position (7) [rad] at a time [s], by a polynomial without velocity and acceleration at both ends. */
 void Approach::at(double time, double *q) const
 {
     const double s = duration_ > 0.0 ? std::min(std::max(time / duration_, 0.0), 1.0) : 1.0;
-    const double place = s * s * s * (10.0 + s * (-15.0 + 6.0 * s));
+    const double place = s * s * s * (10.0 + s * (-15.0 + 6.0 * s)); /* share of the way */
     for (int j = 0; j < JOINTS; ++j) {
         q[j] = from_[j] + place * (to_[j] - from_[j]);
     }

@@ -17,12 +17,24 @@ const double STANDING_RANGE = 0.03, SETTLED_RANGE = 0.015;
 /* Periods that the trajectory may be ahead of this machine's time, since late messages arrive together. */
 const double ALLOWANCE = 8.0;
 
+/* [s] since a wrench that never came. */
+const double NEVER = 1e9;
+
+/* Force [N] and moment [N m] at which no energy or force limit sets the heaviest wrench. */
+const double LARGEST_FORCE = 150.0, LARGEST_MOMENT = 20.0;
+
+/* [rad] resolution at which the controller does not take positions that stand still for frozen ones. */
+const double COARSE = 1e-5;
+
 double clamp(double x, double least, double most)
 {
     return std::min(std::max(x, least), most);
 }
 
-/* Return the force or moment at which springs with three stiffnesses store an energy [J] (0: any), `most` at most. */
+/*
+ * Return the force or moment F at which springs with three stiffnesses k store an energy E [J] (0: any), at most
+ * `most`: E = F^2 / (2 k) is largest along the softest one.
+ */
 double heaviest(const double *stiffness, double energy, double most)
 {
     double softest = HUGE_VAL;
@@ -44,9 +56,10 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
       wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
-      has_velocity_(false), since_wrench_(1e9), button_(false), has_button_(false), quality_(0), operation_mode_(0), without_torque_mode_(0), without_drives_(0), without_states_(0),
-      controlling_(false), start_(0), faulted_(false), good_time_(0.0), events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE), fast_samples_(0),
-      fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0), ended_(false),
+      has_velocity_(false), since_wrench_(NEVER), button_(false), has_button_(false), quality_(0), operation_mode_(0),
+      without_torque_mode_(0), without_drives_(0), without_states_(0), controlling_(false), start_(0), faulted_(false),
+      good_time_(0.0), events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE),
+      fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0), ended_(false),
       refusal_(REFUSAL_NONE), controller_error_(0)
 {
     std::memset(&state_, 0, sizeof state_);
@@ -72,12 +85,14 @@ void WipingClient::configure()
     config_.sample_time = 0.005; /* [s] until the robot has told its send period */
     config_.delay_samples = settings_.delay_samples;
     const PaceLimits &pace = settings_.pace;
-    config_.heaviest_wrench[0] = heaviest(settings_.task_stiffness, pace.energy, pace.force > 0.0 ? pace.force : 150.0);
-    config_.heaviest_wrench[1] = heaviest(settings_.task_stiffness + 3, pace.energy, 20.0);
+    const double largest_force = pace.force > 0.0 ? pace.force : LARGEST_FORCE;
+    config_.heaviest_wrench[0] = heaviest(settings_.task_stiffness, pace.energy, largest_force);
+    config_.heaviest_wrench[1] = heaviest(settings_.task_stiffness + 3, pace.energy, LARGEST_MOMENT);
     config_.tip_velocity_limit[0] = 2.0; /* [m/s] the file has been checked for the joints' limits */
     config_.tip_velocity_limit[1] = 6.0; /* [rad/s] */
     /* In a dry run the controller's torque does not act: positions that stand still are not frozen. */
-    config_.position_quantum = settings_.dry_run ? std::max(settings_.position_quantum, 1e-5) : settings_.position_quantum;
+    const double finest = settings_.dry_run ? COARSE : 0.0;
+    config_.position_quantum = std::max(settings_.position_quantum, finest);
     for (int i = 0; i < JOINTS; ++i) {
         config_.motor_inertia[i] = settings_.motor_inertia;
         config_.coulomb_friction[i] = settings_.friction[i];

@@ -138,11 +138,14 @@ private:
     void watch_samples();
     void watch_standing(const double *q);
     void take_position(const double *q, bool fresh);
+    void take_fresh_position(const double *q);
     bool has_torques() const;
     void watch_robot();
     void watch_states();
     void watch_speed();
-    bool within_limits(const double *q);
+    void watch_clock(const Arrival &arrival);
+    bool clock_was_set() const;
+    void watch_button(const Message &message);
     Defect find_defect(bool positions, bool believed, bool torques) const;
     void count_defect(Defect defect);
     void event(Event bit, unsigned long long *counter);
@@ -151,6 +154,7 @@ private:
     void begin_commanding();
     void control();
     bool takes_control(bool torque_mode);
+    double take_time();
     void advance();
     double tip_error() const;
     double lag() const;

@@ -17,6 +17,24 @@
 #include <cstring>
 #include <stdexcept>
 
+namespace {
+
+/* Bytes of a reading, six doubles; [ms] how late the end may be seen. */
+enum { READING_BYTES = 6 * 8, END_DELAY = 100 };
+
+double little_endian_double(const unsigned char *bytes)
+{
+    std::uint64_t bits = 0;
+    double number;
+    for (int k = 7; k >= 0; --k) {
+        bits = bits << 8 | bytes[k];
+    }
+    std::memcpy(&number, &bits, sizeof number);
+    return number;
+}
+
+} // namespace
+
 /* Bind the port on this computer, and start the thread that receives. */
 UdpWrenchSensor::UdpWrenchSensor(int port) : socket_(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)), stop_(false)
 {
@@ -47,18 +65,13 @@ void UdpWrenchSensor::receive()
 {
     while (!stop_) {
         struct pollfd ready = {socket_, POLLIN, 0};
-        unsigned char bytes[64];
-        /* 100 ms: how late the end may be seen; 48 bytes are six doubles */
-        if (::poll(&ready, 1, 100) != 1 || ::recv(socket_, bytes, sizeof bytes, MSG_TRUNC) != 48) {
+        unsigned char bytes[READING_BYTES + 1];
+        if (::poll(&ready, 1, END_DELAY) != 1 || ::recv(socket_, bytes, sizeof bytes, MSG_TRUNC) != READING_BYTES) {
             continue;
         }
         Sample sample;
         for (int i = 0; i < 6; ++i) {
-            std::uint64_t bits = 0;
-            for (int k = 7; k >= 0; --k) {
-                bits = bits << 8 | bytes[8 * i + k];
-            }
-            std::memcpy(&sample.reading[i], &bits, sizeof bits);
+            sample.reading[i] = little_endian_double(bytes + 8 * i);
         }
         if (all_finite(sample.reading, 6)) {
             ring_.push(sample);
