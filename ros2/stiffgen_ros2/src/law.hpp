@@ -70,8 +70,13 @@ public:
 
 private:
     int restart();
+    void forget_commands();
+    robot::Proposal proposal_of(const Command &command) const;
     void propose(const Command &command);
-    void press(const Command &command);
+    void go_to_joints(const double *q0);
+    void go_to_pose(const double *pose);
+    void settle(const double *force);
+    void press(const double *f);
     void hold_here();
     void use_commands();
     void take_sample(const Measured &measured, double samples);
@@ -81,25 +86,31 @@ private:
     void note(const robot::Report &before);
 
     Settings settings_{};
-    robot::Impedance impedance_{robot::Impedance::default_config()};
-    robot::Sample sample_{};
-    robot::Follow follow_{};
-    robot::FollowInput target_{}; // pose and posture
+    bool wants_restart_ = false; // they have another configuration
+
+    // What makes torques, in the order of a step: port, makers of a pose, follower, controller with its input.
+    robot::Policy policy_{};
     robot::Settle settle_{};
     robot::SettleInput settled_{};
     robot::Press press_{};
     robot::PressInput pressed_{};
-    robot::Policy policy_{};
+    robot::Follow follow_{};
+    robot::Impedance impedance_{robot::Impedance::default_config()};
+    robot::Sample sample_{};
     Snapshot snapshot_{};
-    double stiffness_[18] = {}; // newest of parameters and commands
-    double wrench_[6] = {}; // commanded
+    bool uses_policy_ = false, settles_ = false, presses_ = false, follows_ = false; // started
+
+    // Commands in force.
+    robot::FollowInput target_{}; // pose and posture
+    bool wants_pose_ = false; // else sample_.q0 is commanded itself
+    double stiffness_[18] = {}; // newest of parameters and commands: translation, then rotation
+    double wrench_[6] = {}; // [N, N m]
+    double wrench_end_ = 0.0; // [s] loop's time from which it counts as 0
     double settle_force_[2] = {}; // [N, N m] 0: Settle is off
+    bool has_proposal_ = false, has_stiffness_ = false; // the port accepted one; stiffness_ is from a proposal
+
     robot::Joints last_q_{}; // of the last complete sample
     double age_ = 0.0; // [samples] of last_q_
-    double wrench_end_ = 0.0;
-    bool settles_ = false, presses_ = false;
-    bool wants_pose_ = false, follows_ = false, wants_restart_ = false;
-    bool uses_policy_ = false, has_proposal_ = false, has_stiffness_ = false; // the last: from a proposal
 };
 
 } // namespace stiffgen_ros2

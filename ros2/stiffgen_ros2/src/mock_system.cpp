@@ -78,6 +78,15 @@ public:
 private:
     const std::string &name(std::size_t i) const { return info_.joints[i].name; }
 
+    // Return a position within the limits and a radian of zero: the middle for every other joint, so that the arm is bent.
+    static double bent(std::size_t i)
+    {
+        const double lower = std::max(robot::LOWER[i], -1.0), upper = std::min(robot::UPPER[i], 1.0);
+        const double share = i % 2 == 0 ? 0.5 : 0.75;
+        return lower < upper ? lower + share * (upper - lower) : robot::LOWER[i];
+    }
+
+    // Place the arm. Return an error if the description has other joints than the robot.
     Callback place()
     {
         if (info_.joints.size() != robot::DOF) {
@@ -87,8 +96,7 @@ private:
         }
         torque_.fill(std::numeric_limits<double>::quiet_NaN()); // as drivers begin; counts as 0
         for (std::size_t i = 0; i < robot::DOF; ++i) {
-            const double lower = std::max(robot::LOWER[i], -1.0), upper = std::min(robot::UPPER[i], 1.0);
-            arm_.q[i] = lower < upper ? lower + (i % 2 == 0 ? 0.5 : 0.75) * (upper - lower) : robot::LOWER[i];
+            arm_.q[i] = bent(i);
             for (const auto &state : info_.joints[i].state_interfaces) {
                 if (state.name == "position" && !state.initial_value.empty()) { arm_.q[i] = std::stod(state.initial_value); }
             }

@@ -51,7 +51,12 @@ std::string read_matrix(const Lookup &lookup, const std::string &name, double *m
 {
     const std::vector<double> given = lookup(name).as_double_array();
     if (given.size() != 3 && given.size() != 9) { return counted(name, given.size(), "3 (the diagonal) or 9 (the rows)"); }
-    for (std::size_t k = 0; k < 9; ++k) { matrix[k] = given.size() == 9 ? given[k] : (k % 4 == 0 ? given[k / 4] : 0.0); }
+    std::fill(matrix, matrix + 9, 0.0);
+    if (given.size() == 9) {
+        std::copy(given.begin(), given.end(), matrix);
+    } else {
+        for (std::size_t k = 0; k < 3; ++k) { matrix[4 * k] = given[k]; }
+    }
     return "";
 }
 
@@ -247,8 +252,8 @@ std::string read_settings(const Lookup &lookup, double sample_time, Settings &se
     std::copy(gravity.begin(), gravity.end(), settings.gravity.begin());
     settings.compensate_gravity = lookup("compensate_gravity").as_bool();
     settings.differences_positions = !lookup("velocity_interface").as_bool();
-    if (settings.differences_positions) { // the mean velocity since the last sample is half a sample old
-        settings.config.delay_samples += settings.config.delay_samples >= 0 ? 1 : 0;
+    if (settings.differences_positions) { // the mean velocity since the last sample is half a sample old: counts as one
+        settings.config.delay_samples += settings.config.delay_samples >= 0 ? 1 : 0; // a negative one is refused by the check
         settings.config.velocity_noise = std::max(settings.config.velocity_noise, settings.config.position_quantum / sample_time);
     }
     settings.wrench_timeout = lookup("wrench_timeout").as_double();

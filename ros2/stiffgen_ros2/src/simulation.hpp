@@ -17,22 +17,24 @@ public:
     Simulation()
     {
         const robot::Config limits = default_config();
-        for (std::size_t i = 0; i < robot::DOF; ++i) { rotors[i] = 0.005 * limits.effort_limit[i] / limits.velocity_limit[i]; }
+        for (std::size_t i = 0; i < robot::DOF; ++i) { rotors[i] = ROTOR_TIME * limits.effort_limit[i] / limits.velocity_limit[i]; }
     }
 
     robot::Joints q{}, dq{};
-    robot::Joints rotors; // [kg m^2 or kg] an estimate: at the effort limit a rotor reaches its velocity limit in 5 ms
+    robot::Joints rotors; // [kg m^2 or kg] an estimate: at the effort limit a rotor reaches its velocity limit in ROTOR_TIME
     std::array<double, 6> push{}; // [N, N m] wrench that the environment applies at the tip, hybrid axes
 
     /// Apply a torque for a time [s]; a torque that is not finite counts as 0.
     void step(const robot::Joints &torque, double time)
     {
-        const int steps = std::max(1, static_cast<int>(std::ceil(time / 5e-4)));
+        const int steps = std::max(1, static_cast<int>(std::ceil(time / LONGEST_STEP)));
         for (int k = 0; k < steps; ++k) { substep(torque, time / steps); }
     }
 
 private:
     static constexpr double FRICTION = 0.2; // N m s/rad or N s/m
+    static constexpr double ROTOR_TIME = 0.005; // s
+    static constexpr double LONGEST_STEP = 5e-4; // [s] of the semi-implicit Euler method
 
     void substep(const robot::Joints &torque, double dt)
     {

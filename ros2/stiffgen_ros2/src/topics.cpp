@@ -69,18 +69,19 @@ bool Topics::command_stiffness(const Settings &settings, const Blocks &blocks)
 template <class Message> void Topics::subscribe(const char *topic, std::shared_ptr<rclcpp::Subscription<Message>> &subscription,
     std::string (Topics::*convert)(const Message &, Command &))
 {
-    subscription = node_.create_subscription<Message>(topic, rclcpp::QoS(10), [weak = weak_from_this(), topic, convert, &subscription](const Message &message) {
+    const auto receive = [weak = weak_from_this(), topic, convert, &subscription](const Message &message) {
         const auto self = weak.lock();
         if (!self || !self->is_active_) { return; }
         const std::lock_guard<std::mutex> lock(self->mutex_);
         Command command{};
         command.time = self->time_.load();
-        std::string reason = subscription->get_publisher_count() > 1
-            ? "it has several publishers, whose commands would alternate; keep one"
-            : ((*self).*convert)(message, command);
+        const bool is_alone = subscription->get_publisher_count() <= 1;
+        std::string reason = "it has several publishers, whose commands would alternate; keep one";
+        if (is_alone) { reason = ((*self).*convert)(message, command); }
         if (reason.empty() && !self->commands_.push(command)) { reason = "the loop takes no commands"; }
         self->tell(topic, reason);
-    });
+    };
+    subscription = node_.create_subscription<Message>(topic, rclcpp::QoS(10), receive);
 }
 
 // Log a topic's reason once, until another one comes or a message of this topic is accepted.
@@ -169,9 +170,10 @@ std::string Topics::stiffness(const std_msgs::msg::Float64MultiArray &message, C
     command.kind = Command::STIFFNESS;
     command.blocks = {true, true};
     if (message.data.size() != 36) { return "it has " + std::to_string(message.data.size()) + " numbers instead of 36"; }
-    for (std::size_t row = 0; row < 6; ++row) {
-        const double *const entries = message.data.data() + 6 * row, *const own = entries + (row < 3 ? 0 : 3);
-        const double *const other = entries + (row < 3 ? 3 : 0);
+    for (std::size_t row = 0; row < 6; ++row) { // a row has entries of translation, then of rotation
+        const double *const translation = message.data.data() + 6 * row, *const rotation = translation + 3;
+        const bool is_of_translation = row < 3;
+        const double *const own = is_of_translation ? translation : rotation, *const other = is_of_translation ? rotation : translation;
         if (std::any_of(other, other + 3, [](double each) { return each != 0.0; })) {
             return "the springs do not couple translation and rotation: the blocks beside the diagonal must be 0";
         }
