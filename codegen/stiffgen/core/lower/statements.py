@@ -122,15 +122,16 @@ def _outputs(
         is_column, operand, zeros = number < step.columns, Operand(array, ""), set[int]()
         values = entries[start : start + array.size]
         if not is_column:
-            zeros = _unstored_zeros(storage, values)
-        n = array.shape[0] if array.symmetric and storage.is_result else 0  # rows of a matrix with a mirrored triangle
+            zeros = _note_unstored_zeros(storage, values)
+        is_mirrored = array.symmetric and storage.is_result
+        n = array.shape[0] if is_mirrored else 0
         for k, value in enumerate(values):
-            if k in zeros or (n and k != upper_entry(k, n)):
+            if k in zeros or (is_mirrored and k != upper_entry(k, n)):
                 continue
             places: list[Entry] = [Access(storage, operand, k)]
             if is_column and f.variant.joint_lanes:
                 places = [Local(f"{storage.array.name}{k // m}_{k % m}", None, operand, k)]
-            elif n and lower_entry(k, n) != k:
+            elif is_mirrored and lower_entry(k, n) != k:
                 places.append(Access(storage, operand, lower_entry(k, n)))
             outputs.append((tuple(places), value))
             stored_kinds.append(kinds[start + k])
@@ -138,7 +139,7 @@ def _outputs(
     return outputs, stored_kinds
 
 
-def _unstored_zeros(storage: Storage, values: Sequence[ca.SX]) -> set[int]:
+def _note_unstored_zeros(storage: Storage, values: Sequence[ca.SX]) -> set[int]:
     """Note and return the entries that are always zero; who reads a whole array, or by joints, reads its zeros, too."""
     if storage.is_result or storage.whole or storage.by_joints:
         return set()

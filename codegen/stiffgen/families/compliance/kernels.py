@@ -408,6 +408,7 @@ def _rank(chain: Chain) -> int:
     J = ca.SX.zeros(6, chain.dof)
     for k, joint in enumerate(chain.joints):
         J[:, joint.coordinate] += joint.multiplier * columns[:, k]
-    values = np.sin(np.arange(1.0, len(chain.coordinates) + 1.0)), np.eye(4)
-    jacobian = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values[: len(symbols)]))
+    q, tool_pose = np.sin(np.arange(1.0, len(chain.coordinates) + 1.0)), np.eye(4)  # no two positions are related
+    values = (q, tool_pose) if chain.runtime_tool else (q,)
+    jacobian = np.array(ca.Function("J", symbols, [ca.densify(J)])(*values))
     return int(np.linalg.matrix_rank(jacobian, tol=1e-9 * np.abs(jacobian).max()))

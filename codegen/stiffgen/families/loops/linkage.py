@@ -19,6 +19,12 @@ _INDEPENDENT = 1e-5
 """Smallest part of an equation that others do not explain, relative to the largest equation."""
 _STATES = 12
 """Closed configurations in which the loops are studied, beside the start."""
+_SPREADS = tuple(0.6 / (1 + k) for k in range(10))
+"""Standard deviations of the joint positions from which these are sought [rad, m], in turn: some loops close nearby."""
+_NEAR = 2.0
+"""Largest distance of a coordinate from the start in these configurations [rad, m]."""
+_SINGULAR = 100.0
+"""Condition number at the start, relative to the best one, beyond which another configuration becomes the start."""
 _TRIES = 60
 """Configurations from which a closed one is sought, the file's and random ones."""
 _STEPS = 60
@@ -71,7 +77,7 @@ class Linkage:
         motors = [k for k, each in enumerate(self.coordinates) if not moved[k] or each.name in actuated]
         self._check_mobility([C[rows] for C in jacobians], motors)
         conditions = [self._condition(C[rows], motors) for C in jacobians]
-        if conditions[0] > 100 * min(conditions[1:]):  # the file's configuration is near a singularity
+        if conditions[0] > _SINGULAR * min(conditions[1:]):  # the file's configuration is near a singularity
             start = states[int(np.argmin(conditions))]
         return self._with_rows(rows), tuple(motors), start
 
@@ -156,9 +162,9 @@ class Linkage:
         """Return the start and random closed configurations near it."""
         states = [start]
         for attempt in range(20 * _STATES):
-            scale = 0.6 / (1 + attempt % 10)
-            q = self.close(start + random.normal(size=len(start)) * scale)
-            if self.gap(q) <= _CLOSED and np.abs(q - start).max() < 2.0:
+            spread = _SPREADS[attempt % len(_SPREADS)]
+            q = self.close(start + random.normal(size=len(start)) * spread)
+            if self.gap(q) <= _CLOSED and np.abs(q - start).max() < _NEAR:
                 states.append(q)
             if len(states) > _STATES:
                 break

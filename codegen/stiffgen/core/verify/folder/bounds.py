@@ -8,6 +8,7 @@ signal ends at such an access. Then the function runs again part by part, to fin
 from __future__ import annotations
 
 import ctypes
+import itertools
 import mmap
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -43,15 +44,13 @@ def check_bounds(
         stacks = [pool[argument][: COUNTS[-1]].astype(scalar.dtype) for argument in kernel.arguments]
         functions = [("", kernel.results, _single), *((each.suffix, each.results, _batch) for each in kernel.batches)]
         public = f"{name}_{kernel.qualified_name}"
-        plans = [
-            (f"{public}{suffix} goes {side} its arguments or results",
-             partial(work, library[public + suffix], stacks, [result.array(chain).size for result in results],
-                     behind=side == "behind"))
-            for side in ("before", "behind")
-            for suffix, results, work in functions
-        ]  # fmt: skip
+        runs: dict[str, Callable[[], None]] = {}  # by the fault of a run that an access ends
+        for side, (suffix, results, call) in itertools.product(("before", "behind"), functions):
+            sizes = [result.array(chain).size for result in results]
+            run = partial(call, library[public + suffix], stacks, sizes, behind=side == "behind")
+            runs[f"{public}{suffix} goes {side} its arguments or results"] = run
         # All in one process first: starting one takes as long as a hundred calls.
-        faults = [] if _survive([work for _, work in plans]) else [said for said, work in plans if not _survive([work])]
+        faults = [] if _survive([*runs.values()]) else [fault for fault, run in runs.items() if not _survive([run])]
         checks.append(faultless(kernel.qualified_name, "C: guard pages", faults))
     return checks
 
