@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "6a2e8abd19c5eb31"
+#define SOURCES "9a10bf9c642d12fc"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -114,7 +114,7 @@ static void advance(state_t *s, double lag)
         for (int i = 0; i < 3; ++i) {
             wanted[i] = way > THERE ? rest[3 * part + i] * speed / way : 0.0;
         }
-        change_velocity(wanted, full[part] * BRAKES * slope, velocity);
+        steer(wanted, full[part] * BRAKES * slope, velocity);
         for (int i = 0; i < 3; ++i) {
             step[3 * part + i] = T * velocity[i];
         }

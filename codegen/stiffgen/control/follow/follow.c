@@ -144,7 +144,7 @@ static void plan_twist(state_t *s, const step_t *k)
             wanted[i] = s->stream[r + i] + rest[r + i] * rate;
         }
         divide(3, larger(norm(3, wanted) / limit, 1.0), wanted);
-        change_velocity(wanted, limit * slope, s->twist + r);
+        steer(wanted, limit * slope, s->twist + r);
     }
 }
 
@@ -165,7 +165,7 @@ static void bound_each_joint(const state_t *s, step_t *k)
 }
 
 /* Return whether to go a way by joints to the posture: the tips are stuck, or were, and it has them at the goal. */
-static int goes_by_joints(const state_t *s, const step_t *k, const double *way)
+static int uses_joint_way(const state_t *s, const step_t *k, const double *way)
 {
     double poses[16 * TIPS], rest[ROWS];
     const int ends = norm(N, way) < AT_REST, begins = is_stuck(s) && !(s->way < ARRIVED);
@@ -291,7 +291,7 @@ int follow(state_t *s, const input_t *input, output_t *out)
     for (int i = 0; i < N; ++i) {
         way[i] = s->posture[i] - s->q[i];
     }
-    s->by_joints = goes_by_joints(s, &k, way);
+    s->by_joints = uses_joint_way(s, &k, way);
     (s->by_joints ? move_to_posture : go_by_line)(s, &k, way, velocity);
     for (int i = 0; i < N; ++i) {
         s->dq[i] = velocity[i];

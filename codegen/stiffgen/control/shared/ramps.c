@@ -13,7 +13,7 @@ double stopping_speed(double way, double slope, double T)
 }
 
 /* Move a velocity (3) towards a wanted one, by `most` at most. */
-void change_velocity(const double *wanted, double most, double *velocity)
+void steer(const double *wanted, double most, double *velocity)
 {
     double change[3];
     for (int i = 0; i < 3; ++i) {

@@ -38,7 +38,7 @@ double mode_damping(double l, double late, double damping_ratio);
 
 /* ramps.c */
 double stopping_speed(double way, double slope, double T);
-void change_velocity(const double *wanted, double most, double *velocity);
+void steer(const double *wanted, double most, double *velocity);
 
 /* poses.c */
 double rotation_error(const double *pose, int *entry);
