@@ -22,7 +22,7 @@ const double POSITION_TOLERANCE = 0.1;
 /* [s] up to which periods are the same, and share of one: they are decimal fractions in binary. */
 const double SAME_PERIOD = 1e-6, PERIOD_SHARE = 0.001;
 
-/* Samples in a row beyond the speed limit that are no noise. */
+/* Samples in a row beyond the speed limit that may be noise. */
 const int FAST_SAMPLES = 2;
 
 bool is_same_period(double a, double b)
@@ -214,7 +214,7 @@ void WipingClient::watch_samples()
     count_defect(defect);
 }
 
-/* Return the gravest defect of the message. believed: all positions are within the limits. */
+/* Return the first defect of the message that is found. believed: all positions are within the limits. */
 Defect WipingClient::find_defect(bool positions, bool believed, bool torques) const
 {
     if (!positions) {

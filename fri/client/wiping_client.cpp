@@ -20,7 +20,7 @@ const double ALLOWANCE = 8.0;
 /* [s] since a wrench that never came. */
 const double NEVER = 1e9;
 
-/* Force [N] and moment [N m] at which no energy or force limit sets the heaviest wrench. */
+/* Heaviest force [N] without a force limit, and moment [N m]; an energy limit may set less. */
 const double LARGEST_FORCE = 150.0, LARGEST_MOMENT = 20.0;
 
 /* [rad] resolution at which the controller does not take positions that stand still for frozen ones. */

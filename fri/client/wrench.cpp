@@ -65,7 +65,7 @@ void UdpWrenchSensor::receive()
 {
     while (!stop_) {
         struct pollfd ready = {socket_, POLLIN, 0};
-        unsigned char bytes[READING_BYTES + 1];
+        unsigned char bytes[READING_BYTES]; /* of a longer datagram recv returns the whole length */
         if (::poll(&ready, 1, END_DELAY) != 1 || ::recv(socket_, bytes, sizeof bytes, MSG_TRUNC) != READING_BYTES) {
             continue;
         }

@@ -106,8 +106,9 @@ int iiwa14_joint_gains(const double *q, const double *dq, const double *q_des, c
     const double *joint_stiffness, const double *damping, const double *kp_limit, const double *kd_limit, double *tau_ff,
     double *kp, double *kd)
 {
-    const double *const arguments[9] = {q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit};
-    if (has_null(arguments, 9) || tau_ff == NULL || kp == NULL || kd == NULL) {
+    const double *const arguments[12] = {q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff,
+                                         kp, kd};
+    if (has_null(arguments, 12)) {
         return IIWA14_GAINS_E_NULL;
     }
     return split_torque(q, dq, q_des, dq_des, torque, joint_stiffness, damping, kp_limit, kd_limit, tau_ff, kp, kd);

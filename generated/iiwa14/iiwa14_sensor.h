@@ -83,9 +83,9 @@ static inline double iiwa14_external_wrench(const double jacobian[6 * IIWA14_DOF
         V[k][k] = 1.0;
         wrench[k] = nan_of_jacobian + nan_of_others;
     }
-    /* A V has orthogonal columns a_k: of A wrench = torque the component along a_k is a_k . torque / |a_k|^2. */
+    /* A V has orthogonal columns a_k. With t = torque / deviation, wrench = V y, y_k = a_k . t / (|a_k|^2 + damping^2). */
     iiwa14_orthogonalise(A, V);
-    double squares[6], largest = 0.0, smallest = (double)INFINITY; /* |a_k|^2, of the singular values */
+    double squares[6], largest = 0.0, smallest = (double)INFINITY; /* |a_k|^2: singular values squared */
     for (int k = 0; k < 6; ++k) {
         squares[k] = 0.0;
         for (int i = 0; i < IIWA14_DOF; ++i) {

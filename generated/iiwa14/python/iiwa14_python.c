@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "9a10bf9c642d12fc"
+#define SOURCES "9ab6fd8ea068eee1"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;
@@ -2273,9 +2273,7 @@ static int allocate_copies(const kernel *k, operand_memory *m)
     npy_intp needed = 0;
     for (int o = 0; o < k->operands; ++o) {
         needed += m->size[o];
-        m->packed[o] = NULL;
     }
-    m->buffer = NULL;
     if (needed == 0) {
         return 1;
     }

@@ -21,13 +21,19 @@ static void place(const double *a, const double *b, double *pose)
     memcpy(pose + 12, a + 12, 4 * sizeof *pose);
 }
 
+/* Return a twist over limits of translation and rotation, the larger part; over speeds a way is a time [s]. */
+static double over_limits(const double *twist, const double *limits)
+{
+    return larger(norm(3, twist) / limits[0], norm(3, twist + 3) / limits[1]);
+}
+
 /* Compute how far each tip, at `here`, is off its place, over LEFT: 1 stops the object. Return the largest. */
 static double find_lag(const state_t *s, const double *here, double *lag)
 {
     double most = 0.0, twist[6];
     for (int t = 0; t < TIPS; ++t) {
         compare_pose(here + 16 * t, s->pose + 16 * t, twist);
-        lag[t] = larger(norm(3, twist) / LEFT[0], norm(3, twist + 3) / LEFT[1]);
+        lag[t] = over_limits(twist, LEFT);
         most = larger(most, lag[t]);
     }
     return most;
@@ -93,12 +99,6 @@ static void find_full_speeds(const state_t *s, double *full)
     full[1] = share * c->tip_rotation_limit;
 }
 
-/* Return a twist over the full speeds, the larger part: of a way a time [s], of a velocity a share. */
-static double over_speeds(const double *twist, const double *full)
-{
-    return larger(norm(3, twist) / full[0], norm(3, twist + 3) / full[1]);
-}
-
 /* Move the object towards its goal for a sample. lag: the tips' largest; from 1 on the object stops. */
 static void advance(state_t *s, double lag)
 {
@@ -106,8 +106,8 @@ static void advance(state_t *s, double lag)
     double full[2], rest[6], step[6], wanted[3];
     find_full_speeds(s, full);
     compare_pose(s->object, s->goal, rest);
-    const double way = over_speeds(rest, full); /* [s] */
-    const double most = smaller(clamp(1.0 - lag, 0.0, 1.0), over_speeds(s->carried, full) + slope);
+    const double way = over_limits(rest, full); /* [s] */
+    const double most = smaller(clamp(1.0 - lag, 0.0, 1.0), over_limits(s->carried, full) + slope);
     const double speed = smaller(most, stopping_speed(way, slope, T)); /* share of full speed */
     for (int part = 0; part < 2; ++part) { /* translation, rotation */
         double *const velocity = s->carried + 3 * part;

@@ -39,14 +39,14 @@ class Manipulability:
         rates = np.asarray(derivative, dtype=float)
         largest, least = s[:, 0], s[:, -1]
         others = np.stack([np.prod(np.delete(s, k, axis=1), axis=1) for k in range(s.shape[1])], axis=1)  # without s_k
-        # dw/dq_i = sum over k of others_k u_k^T dJ/dq_i v_k; n for the state, a and b for row and column of J
-        gradient = np.einsum("nk,nak,niab,nkb->ni", others, U, rates, Vt)
+        # dw/dq_i = sum over k of others_k u_k^T dJ/dq_i v_k; s for the state, a and b for row and column of J
+        gradient = np.einsum("sk,sak,siab,skb->si", others, U, rates, Vt)
         # A relative error e of J changes each s_k by e s_1, and w by e s_1 times the sum of the others' products.
         measure_error = largest * others.sum(axis=1)
-        # It turns u_k and v_k by up to e s_1/s_k. Columns of dJ/dq are Lie brackets of those of J; sums of brackets can
-        # cancel in every entry.
-        turn = largest / np.maximum(least, np.finfo(float).tiny ** 0.5)
-        gradient_error = largest * (1 + largest) * turn * others.max(axis=1)
+        # dw/dq_i is w tr(J^+ dJ/dq_i), and J^+ changes by up to e s_1/s_min of its size. Columns of dJ/dq are Lie
+        # brackets of those of J; sums of brackets can cancel in every entry.
+        condition = largest / np.maximum(least, np.finfo(float).tiny ** 0.5)
+        gradient_error = largest * (1 + largest) * condition * others.max(axis=1)
         return Manipulability(
             measure=s.prod(axis=1),
             gradient=gradient,

@@ -25,9 +25,7 @@ static int allocate_copies(const kernel *k, operand_memory *m)
     npy_intp needed = 0;
     for (int o = 0; o < k->operands; ++o) {
         needed += m->size[o];
-        m->packed[o] = NULL;
     }
-    m->buffer = NULL;
     if (needed == 0) {
         return 1;
     }
