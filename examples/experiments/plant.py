@@ -94,7 +94,7 @@ class Plant:
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
         self._payload = _payload(self.model, self._held)
-        self._weight = np.zeros(3)
+        self._weight, self._per_lever = np.zeros(3), np.zeros((3, 3))
         self.place(np.asarray(q, dtype=float))
 
     def place(self, q: Array) -> None:
@@ -108,6 +108,7 @@ class Plant:
     def hang(self, mass: float) -> None:
         """Hang a weight [kg] at the tip: a force without inertia."""
         self._weight = mass * np.array(self.model.opt.gravity)
+        self._per_lever = np.cross(np.eye(3), self._weight)  # lever @ it is lever x weight
         self._forward(np.zeros(DOF))
 
     @property
@@ -155,7 +156,7 @@ class Plant:
         """Apply the force of a hanging weight at the present position."""
         if self._weight.any():
             lever = self.data.site_xpos[self._tip] - self.data.xipos[self._held]
-            self.data.xfrc_applied[self._held] = [*self._weight, *np.cross(lever, self._weight)]
+            self.data.xfrc_applied[self._held] = [*self._weight, *(lever @ self._per_lever)]
 
     @property
     def reading(self) -> Array:

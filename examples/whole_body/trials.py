@@ -45,16 +45,18 @@ def legs_law(stance: Stance) -> Callable[[Array, Array, Array], Array]:
 
 def ring(stance: Stance, duration: float, progress: Progress = lambda: None) -> Array:
     """Return the free motion after kicks along each direction of the base: (samples, 18, kicks) in Kq's coordinates."""
-    responses = []
+    M, responses = np.diag(stance.mass_matrix()), []
     for direction in range(DIRECTIONS):
-        responses.append(_free_motion(stance, _kick(stance, direction), duration))
+        responses.append(_free_motion(stance, _kick(M, direction), duration))
         progress()
     return np.asarray(responses).transpose(1, 2, 0)
 
 
-def _kick(stance: Stance, direction: int) -> Array:
-    """Return an impulse (18) that gives KICK to one direction of the base, and to two joints, so that feet swing."""
-    M = np.diag(stance.mass_matrix())
+def _kick(M: Array, direction: int) -> Array:
+    """Return an impulse (18) that gives KICK to one direction of the base, and to two joints, so that feet swing.
+
+    M is the diagonal (18) of the mass matrix.
+    """
     joints = slice(6 + 2 * direction, 8 + 2 * direction)
     impulse = np.zeros(18)
     impulse[direction] = KICK * M[direction]

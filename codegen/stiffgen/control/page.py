@@ -77,8 +77,8 @@ _CAUSES = {
     "config_velocity_limit": "velocity",
 }
 """Errors that follow from a wrong unit in the robot's file, and what the number is about (files/plausibility.py)."""
-_REFERENCE_SHARE = 0.72
-"""Share of a joint's velocity limit that the reference uses."""
+REFERENCE_SHARE = 0.72
+"""Share of a joint's velocity limit that the reference uses; an arm that is faster is braked."""
 
 
 def config_of(chain: Chain) -> tuple[Field, ...]:
@@ -91,7 +91,7 @@ def config_of(chain: Chain) -> tuple[Field, ...]:
     for each in chain.motor_coordinates:
         limit = min(each.acceleration, each.deceleration)
         if math.isfinite(limit) and math.isfinite(each.velocity):
-            slowest = max(slowest, _REFERENCE_SHARE * each.velocity / limit)
+            slowest = max(slowest, REFERENCE_SHARE * each.velocity / limit)
     default = next(field.default for field in CONFIG if field.name == "ramp_time")
     ramp_time = repr(max(float(default), math.ceil(1e4 * slowest) / 1e4))
     return tuple(replace(field, default=ramp_time) if field.name == "ramp_time" else field for field in CONFIG)

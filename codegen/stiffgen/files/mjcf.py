@@ -139,8 +139,7 @@ class _ModelTree:
             self._add(element, link, inertial if is_body else _MASSLESS)
             origin, place, orientation = anchor, _ORIGIN, _UPRIGHT
         if link != name:
-            place = _sum(place, _turned(orientation, _difference(_ORIGIN, origin)))
-            self._add_link(name, inertial, link, place, orientation)
+            self._add_link(name, inertial, link, _moved(place, orientation, origin, _ORIGIN), orientation)
 
     def _anchor(self, k: int) -> Vector:
         """Return the point of the body that joint number ``k`` turns about, in the body's frame."""

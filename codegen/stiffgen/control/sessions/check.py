@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from stiffgen.control.page import REFERENCE_SHARE
 from stiffgen.control.sessions.bench import ControllerBench
 from stiffgen.control.sessions.law import (
     PERIOD,
+    TREND_TIME,
     SpringArguments,
     Timing,
     coriolis,
@@ -33,10 +35,6 @@ from stiffgen.core.verify.result import Check, faultless
 
 _BOUND = 1e-8
 """Tolerance for finite-difference comparisons, which lose some digits."""
-_USED = 0.72
-"""Share of a joint's velocity limit that the reference uses; what the arm exceeds is braked."""
-_TREND_TIME = 0.01
-"""Time constant [s] of the low-pass filter of the reference's velocity."""
 _MOVE_STEPS = 400
 """Steps of the arm's motion; the command's takes half of them."""
 _SLOWEST = 3000
@@ -110,7 +108,7 @@ class _Movement:
             if step:
                 self.hold("reference velocity", out.reference_velocity, (out.reference - last) / PERIOD)
             last = np.array(out.reference)
-            self.trend = self.trend + PERIOD / _TREND_TIME * (out.reference_velocity - self.trend)
+            self.trend = self.trend + PERIOD / TREND_TIME * (out.reference_velocity - self.trend)
             if step % 40 == 0:  # a comparison takes much longer than a step
                 self._compare_springs(out, at)
                 self._compare_damping(out, at, rate)
@@ -163,7 +161,7 @@ class _Movement:
         # stiffness of springs and touched zones (n, n) [N m/rad]
         touched = np.where(zones.depth(at) != 0, zones.stiffness, 0)
         tangent = joint_hessian(self.bench.poses, at, *self._springs(out)) + np.diag(touched)
-        excess = rate - np.clip(rate, -_USED * limit, _USED * limit)
+        excess = rate - np.clip(rate, -REFERENCE_SHARE * limit, REFERENCE_SHARE * limit)
         damping, share = damping_torque(
             tangent, self._mass_matrix(at), self.timing, slip=out.reference_velocity - rate, excess=excess, ratio=0.7
         )
@@ -210,7 +208,7 @@ def _limits(bench: ControllerBench) -> list[str]:
 def _stop_and_go(step: int, speed: float) -> float:
     """Return the speed of a motion there and back: 40 steps at one speed, 10 at rest, and the same the other way."""
     if step % 50 >= 40:
-        return 0.0 * speed
+        return 0.0
     return speed if step // 50 % 2 else -speed
 
 
@@ -247,7 +245,7 @@ def _jump_faults(
     last, tips = bench.q, here  # reference of the step before, and the tips' poses there
     for step in range(300):
         out = bench.rest(controller, q0=bench.q + bench.reach)
-        if not (np.abs(out.reference - last) <= _USED * velocity_limit * PERIOD * (1 + 1e-9)).all():
+        if not (np.abs(out.reference - last) <= REFERENCE_SHARE * velocity_limit * PERIOD * (1 + 1e-9)).all():
             faults.append(f"step {step}: the reference is faster than the velocity limit allows")
         moved = np.reshape(bench.poses(out.reference), (-1, 4, 4))
         # |R' - R| = 2 sqrt(2) sin(angle / 2): sqrt(2) times the angle, up to 1e-8 of it here

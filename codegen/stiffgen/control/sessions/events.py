@@ -26,7 +26,7 @@ def _happens(session: Any, probability: float) -> bool:
     return bool(session.random.random() < probability)
 
 
-def _random_torque(session: Any, share: float) -> FloatArray:
+def random_torque(session: Any, share: float) -> FloatArray:
     """Return a normally distributed torque (n) [N m or N], of some share of the effort limit."""
     return np.asarray(session.random.normal(size=session.n) * np.array(session.config.effort_limit) * share)
 
@@ -45,7 +45,7 @@ def choose_commands(session: Any, number: int) -> None:
         largest = np.repeat(session.config.heaviest_wrench, 3) * random.choice([0.0, 0.1, 0.7])  # (6) of one tip
         session.pressed = (random.uniform(-1.0, 1.0, (len(session.pressed) // 6, 6)) * largest).ravel()
     if _happens(session, 0.01):
-        session.offset = _random_torque(session, random.choice([0.0, 0.01, 0.2, 0.9]))
+        session.offset = random_torque(session, random.choice([0.0, 0.01, 0.2, 0.9]))
     if _happens(session, 0.02):
         _choose_plan(session)
 
@@ -78,7 +78,7 @@ def choose_troubles(session: Any) -> None:
     """Let a load, a reset, another configuration, an obstacle or a clock's restart happen, each rarely."""
     random, rate = session.random, _CALM_RATE if session.calm else 1.0
     if _happens(session, 0.03 * rate):
-        session.load = _random_torque(session, 0.02 if session.calm else random.choice([0, 0.3]))
+        session.load = random_torque(session, 0.02 if session.calm else random.choice([0, 0.3]))
     if _happens(session, 0.08 if session.output.fault else 0.01):
         for each in session.both:
             each.call("reset", each.state)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from stiffgen.control.core.field import Field
-from stiffgen.control.sessions.events import choose_commands, choose_stiffness, choose_troubles
+from stiffgen.control.sessions.events import choose_commands, choose_stiffness, choose_troubles, random_torque
 from stiffgen.control.sessions.library import ControllerLibrary, fill, is_same, set_field
 from stiffgen.control.sessions.spoilers import SPOILERS
 from stiffgen.core.robot.chain import Chain
@@ -124,8 +124,8 @@ class HostileSession:
         self.goal, self.rate = self.q + 0.0, np.zeros(self.n)  # command, and its velocity [rad/s or m/s]
         self.shaped, self.stated = 0, np.zeros(self.n)  # acceleration that a plan states [rad/s^2 or m/s^2]
         self.pressed = np.zeros(len(self.input.wrench_command))
-        share = random.choice([0.0, 0.2])  # a torque in force at the start is the caller's as far as it is offset
-        self.offset = random.normal(size=self.n) * effort * share
+        # a torque in force at the start is the caller's as far as it is offset
+        self.offset = random_torque(self, random.choice([0.0, 0.2]))
         self.clock = _TIME if random.random() < 0.3 else _COUNTER
         choose_stiffness(self)
 

@@ -27,7 +27,7 @@ PERIOD = 1e-3
 """Sample time [s] of all comparisons."""
 _STEP = 1e-3
 """Step [m or rad] of the differences, which are of fourth order."""
-_AHEAD, _TREND_TIME, _SLOW = 0.09, 0.01, 0.02
+_AHEAD, TREND_TIME, _SLOW = 0.09, 0.01, 0.02
 """Friction: time [s] that a braking reference is looked ahead, time constant [s] of the trend, and speed [rad/s] from
 which on friction has its full size."""
 _LARGEST_DAMPING, _DELAYED_DAMPING = 0.25, 0.75
@@ -231,7 +231,7 @@ def friction_side(velocity: FloatArray, trend: FloatArray) -> FloatArray:
     that velocity behind a low-pass of 0.01 s.
     """
     # behind a low-pass of time constant t, the velocity lags by t times its slope: slope = (velocity - trend) / t
-    later = velocity + _AHEAD / _TREND_TIME * (velocity - trend)
+    later = velocity + _AHEAD / TREND_TIME * (velocity - trend)
     # a velocity that grows counts as it is, one that changes its sign meanwhile as 0
     left = np.clip(later, np.minimum(velocity, 0.0), np.maximum(velocity, 0.0))
     return np.asarray(np.clip(left / _SLOW, -1.0, 1.0))

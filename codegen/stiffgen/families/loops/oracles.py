@@ -118,14 +118,19 @@ class Projection:
         """Velocity coordinates that are no motors."""
         return [self.chain.base_joints + i for i in self._passive]
 
+    @cached_property
+    def _jacobians(self) -> list[FloatArray]:
+        """C = dc/dq in every state."""
+        return [self.equations.at(q).jacobian for q in self.q]
+
     def _passive_jacobian(self, k: int) -> FloatArray:
         """Return C_p in state k."""
-        return self.equations.at(self.q[k]).jacobian[:, self._passive]
+        return self._jacobians[k][:, self._passive]
 
     def _motion(self, k: int) -> FloatArray:
         """Return G = dq/da in state k over the velocity coordinates: 1 for a motor, -C_p^-1 C_a for passive joints."""
         motors, of_base = list(self.chain.motors), self.chain.base_joints  # a floating base's coordinates come first
-        C_a = self.equations.at(self.q[k]).jacobian[:, list(self.chain.actuated)]
+        C_a = self._jacobians[k][:, list(self.chain.actuated)]
         G = np.zeros((self.chain.dof, len(motors)))
         G[motors, range(len(motors))] = 1
         G[self._passive_rates, of_base:] = -np.linalg.solve(self._passive_jacobian(k), C_a)
@@ -163,7 +168,7 @@ class Projection:
 
     def condition(self) -> FloatArray:
         """Return the largest |C| |C_p^-1| - size + 1 of a block of C_p, lengths in units of its hinges' levers."""
-        return np.array([self._condition(self.equations.at(q).jacobian) for q in self.q])
+        return np.array([self._condition(C) for C in self._jacobians])
 
     def _condition(self, C: FloatArray) -> float:
         """Return the condition in one state from C = dc/dq there."""
@@ -185,7 +190,7 @@ class Projection:
     @cached_property
     def _pattern(self) -> Any:
         """Entries of C that are not zero in every state."""
-        return np.array([np.abs(self.equations.at(q).jacobian) > 1e-12 for q in self.q]).any(axis=0)
+        return np.array([np.abs(C) > 1e-12 for C in self._jacobians]).any(axis=0)
 
     @cached_property
     def _blocks(self) -> list[tuple[list[int], list[int]]]:

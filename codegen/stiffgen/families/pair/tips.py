@@ -26,7 +26,7 @@ import casadi as ca
 from stiffgen.core.symbolic.kinematics import Kind, Section
 from stiffgen.core.symbolic.stiffness import symmetric_from_upper
 from stiffgen.families.pair.springs import TRACE, PairKind, with_limits
-from stiffgen.families.springs.parts import Terms, trace_form
+from stiffgen.families.springs.parts import Terms, other_two, trace_form
 
 TipFrame = tuple[ca.SX, ca.SX]
 """Rotation and origin of a tip, in base axes."""
@@ -53,9 +53,8 @@ def _rotation(A: ca.SX, B: ca.SX, Ko: ca.SX) -> Terms:
     u = axial(Y)
     # Blocks of two turns: tr(M) I - sym(M) of one tip with itself, M - tr(M) I between the tips.
     own, coupling = -0.5 * (M + M.T), ca.densify(ca.SX(M))
-    for k in range(3):  # M_kk cancels in tr(M) - M_kk, which leaves the other two
-        i, j = (k + 1) % 3, (k + 2) % 3
-        others = M[i, i] + M[j, j]
+    for k in range(3):
+        others = other_two(M, k)
         own[k, k], coupling[k, k] = others, -others
     K = ca.SX(12, 12)
     K[WA, WA] = K[WB, WB] = own

@@ -52,7 +52,7 @@ class BoundAnalysis:
 
     @cached_property
     def needed(self) -> list[int]:
-        """What the outputs depend on, operands before what uses them."""
+        """Numbers of the outputs and of all operations that they depend on, operands before what uses them."""
         return sorted(self.graph.uses(self.outputs))
 
     def bounds(self, inputs: Sequence[Bound]) -> list[Bound]:

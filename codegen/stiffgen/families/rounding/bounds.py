@@ -310,8 +310,10 @@ def argument_sizes(chain: Chain, argument: Argument, ranges: Ranges, reach: floa
             limits = [coordinate.velocity for coordinate in chain.coordinates]
             of_joints = [limit if math.isfinite(limit) else ranges.rate for limit in limits]
             return [ranges.rate] * chain.base_coordinates + of_joints
-        of_all = {"reach": reach, "rotation": scalar.rotation} | vars(ranges) | {"coupling": ranges.coupling}
-        return [float(of_all[largest]) if isinstance(largest, str) else largest] * count
+        if not isinstance(largest, str):
+            return [largest] * count
+        of_robot = {"reach": reach, "rotation": scalar.rotation}
+        return [of_robot[largest] if largest in of_robot else float(getattr(ranges, largest))] * count
 
     if argument.blocks is None:
         return sizes(argument.largest, array.size)

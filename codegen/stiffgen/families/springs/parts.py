@@ -56,7 +56,7 @@ def _symmetric(matrix: ca.SX) -> ca.SX:
     return 0.5 * (matrix + matrix.T)
 
 
-def _other_two(matrix: ca.SX, k: int) -> ca.SX:
+def other_two(matrix: ca.SX, k: int) -> ca.SX:
     """Return tr(A) - A_kk of a matrix (3x3), in which A_kk cancels: the sum of the other two diagonal entries."""
     i, j = (k + 1) % 3, (k + 2) % 3
     return matrix[i, i] + matrix[j, j]
@@ -205,7 +205,7 @@ def _trace_form(R: ca.SX, R0: ca.SX, D: ca.SX, Ko: ca.SX, *, rotation: str, diff
     V = 0.5 * work
     hessian = -_symmetric(P)  # tr(P) I - sym(P)
     for k in range(3):
-        hessian[k, k] = _other_two(P, k)
+        hessian[k, k] = other_two(P, k)
     zero = ca.SX(3, 3)
     F, K = _blocks(ca.SX(3, 1), _axial(Y), zero, zero, hessian)
     return Terms(V, F, K, sections)
@@ -390,7 +390,7 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     N = R @ R0.T
     M = -0.5 * N
     for k in range(3):
-        M[k, k] = 0.5 * _other_two(N, k)
+        M[k, k] = 0.5 * other_two(N, k)
     XK, pull = (ca.SX.eye(3) if X is None else X) @ K12, Y @ Kd  # rows of K12 and the moment K12^T d in base axes
     C = XK @ Y.T
     CM = C @ M
@@ -398,7 +398,7 @@ def coupled(p: ca.SX, R: ca.SX, H: ca.SX, K: ca.SX, axes: tuple[Axes, Axes], cen
     bend = N @ ca.skew(-pull)
     ww = 0.5 * _symmetric(bend)
     for k in range(3):
-        ww[k, k] = -0.5 * _other_two(bend, k)
+        ww[k, k] = -0.5 * other_two(bend, k)
     if displacement.arm is not None:
         ww += 2 * _symmetric(ca.skew(displacement.arm) @ CM)
     F, K6 = _blocks(ca.SX(3, 1), M.T @ pull, ca.SX(3, 3), CM, ww)

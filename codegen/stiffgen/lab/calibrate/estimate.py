@@ -99,7 +99,7 @@ def estimate(sensor: Any, poses: StandingPoses, *, robot: str = "", place: str =
     has_drift = count >= _FEWEST_WITH_DRIFT and duration > 0
     common = [np.broadcast_to(np.eye(3), (count, 3, 3))]  # columns of bias and drift, of forces and of moments alike
     if has_drift:
-        common.append(time[:, None, None] / np.ptp(time) * np.eye(3))
+        common.append(time[:, None, None] / duration * np.eye(3))
     bias_columns = np.concatenate(common, axis=2)
     excitation = _excitation(A, bias_columns)
     forces, moments = poses.reading[:, :3], poses.reading[:, 3:]

@@ -113,8 +113,8 @@ def _checked_stiffness(options: PlanOptions) -> FloatArray:
     fewest = _SAMPLES_PER_PERIOD * max(PERIODS)
     if not all(np.isfinite(numbers)) or min(numbers) <= 0 or options.rate * options.duration < fewest:
         raise StiffgenError(
-            "--plan: deviation, noise, wrench, duration and rate must be positive, with 40 samples per period or more: "
-            f"{fewest} in all"
+            "--plan: deviation, noise, wrench, duration and rate must be positive, with "
+            f"{_SAMPLES_PER_PERIOD} samples per period or more: {fewest} in all"
         )
     return K
 
@@ -132,7 +132,7 @@ def _sines(amplitude: FloatArray, options: PlanOptions) -> tuple[FloatArray, Flo
 def expected_turn(K: FloatArray, amplitude: FloatArray, options: PlanOptions) -> float:
     """Return the largest standard deviation of the turn [rad] that a motion of these amplitudes would leave.
 
-    The columns 1 and a_k sin of N rows have the normal matrix diag(N, N a_k^2 / 2).
+    The columns 1 and a_k sin of N rows have the normal matrix diag(N, N a_k^2 / 2), whose inverse the fit takes.
     """
     rows = options.rate * options.duration
     noise = np.diag(np.repeat(np.square(options.noise), 3))
@@ -148,7 +148,7 @@ def expected_turn(K: FloatArray, amplitude: FloatArray, options: PlanOptions) ->
 def _amplitudes(K: FloatArray, options: PlanOptions) -> tuple[FloatArray, float, str]:
     """Return the amplitudes (6) [m], [rad], the deviation [rad] that they leave, and the limit that binds, if any.
 
-    All amplitudes are one factor times a guess; the deviation falls in proportion to the factor.
+    All amplitudes are one factor times a guess; the deviation is inversely proportional to the factor.
     """
     wanted = expected_turn(K, _GUESS, options) / options.deviation
     wrench = np.abs(K) @ _GUESS  # largest one of the guessed amplitudes [N], [N m]
@@ -169,10 +169,12 @@ def _follow(robot: GeneratedRobot, start: FloatArray, twist: FloatArray) -> Floa
     goal = sensor_poses(robot, start[None])[0] @ recorded_poses(twist, "vector")
     path = np.repeat(start[None], len(twist), axis=0)
     for _ in range(_NEWTON_STEPS):
-        error = _pose_errors(sensor_poses(robot, path), goal)
+        here = sensor_poses(robot, path)
+        error = _pose_errors(here, goal)
         if np.abs(error).max() < _FOLLOWED:
             return path
-        path = path + np.einsum("nij,nj->ni", np.linalg.pinv(_sensor_jacobians(robot, path), rcond=1e-6), error)
+        J = _sensor_jacobians(robot, path, here[:, :3, 3])
+        path = path + np.einsum("nij,nj->ni", np.linalg.pinv(J, rcond=1e-6), error)
     tip = np.asarray(tip_functions(robot).forward_kinematics(start), dtype=float)
     raise StiffgenError(
         f"--plan: the arm cannot follow the motion at this posture (left: {np.abs(error).max():.2g} of m, rad, tip at "
@@ -187,13 +189,12 @@ def _pose_errors(here: FloatArray, goal: FloatArray) -> FloatArray:
     return np.concatenate([goal[:, :3, 3] - here[:, :3, 3], np.einsum("nij,nj->ni", R, in_own_axes)], axis=1)
 
 
-def _sensor_jacobians(robot: GeneratedRobot, path: FloatArray) -> FloatArray:
-    """Return the hybrid Jacobians (N, 6, n) of the sensor's origin: the tip's, with v + w x (way to the sensor)."""
+def _sensor_jacobians(robot: GeneratedRobot, path: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the hybrid Jacobians (N, 6, n) of the sensor's origins (N, 3): the tip's, with v + w x (way to them)."""
     functions: Any = tip_functions(robot)
     J = np.array(functions.hybrid.jacobian(path), dtype=float)
     tip = np.asarray(functions.forward_kinematics(path), dtype=float)[:, :3, 3]
-    way = sensor_poses(robot, path)[:, :3, 3] - tip
-    J[:, :3] += np.cross(J[:, 3:], way[:, :, None], axis=1)
+    J[:, :3] += np.cross(J[:, 3:], (origin - tip)[:, :, None], axis=1)
     return J
 
 

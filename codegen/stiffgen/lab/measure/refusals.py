@@ -47,7 +47,7 @@ def eigenvalues(fit: StiffnessFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     An eigenvalue u^T S K S u changes by (S u)^T dKm (S u), with the scale S and its vector u held.
     """
     K = fit.stiffness
-    scale = _scale(K)
+    scale = 1.0 / _sizes(K)
     values, vectors = np.linalg.eigh(K * np.outer(scale, scale))
     along = vectors.T * scale  # row k: S u of eigenvalue k
     of = np.zeros((6, 6, 7))  # per entry of (load, Km): the load, in column 0, has no part
@@ -55,9 +55,9 @@ def eigenvalues(fit: StiffnessFit) -> tuple[FloatArray, FloatArray, FloatArray]:
     return values, np.sqrt(np.diag(fit.covariance(of))), vectors
 
 
-def _scale(K: FloatArray) -> FloatArray:
-    """Return the factors (6) that make the diagonal of a stiffness 1."""
-    return np.asarray(1.0 / np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-300)))
+def _sizes(K: FloatArray) -> FloatArray:
+    """Return the roots (6) of a stiffness's diagonal: divided by those of its row and column, its diagonal is 1."""
+    return np.asarray(np.sqrt(np.maximum(np.abs(np.diag(K)), 1e-300)))
 
 
 def drift_of(motion: PoseMotion) -> FloatArray:
@@ -78,7 +78,7 @@ def faked_errors(motion: PoseMotion, fit: StiffnessFit) -> tuple[float, float]:
     Late readings are those of an earlier twist: Km changes by -DELAY Km times the velocity per twist.
     """
     faked = residual_of(-DELAY * fit.Km @ drift_of(motion), np.zeros(6))
-    size = np.sqrt(np.maximum(np.abs(np.diag(fit.Km)), 1e-300))
+    size = _sizes(fit.Km)
     weight = 1.0 / (size[UPPER[0]] * size[UPPER[1]])  # of the 15 entries, which have several units
     per_error = np.concatenate([sensor_columns(fit.Km, fit.load, name) for name in ("turn", "lever")], axis=1)
     errors = np.linalg.lstsq(per_error * weight[:, None], faked * weight, rcond=1e-9)[0]
@@ -131,8 +131,8 @@ def _too_curved(motion: PoseMotion, fit: StiffnessFit) -> Iterator[str]:
     if cubic is None:
         return
     Km, deviation = cubic
-    scale = np.sqrt(np.maximum(np.abs(np.diag(fit.Km)), 1e-300))
-    relative = (np.abs(Km - fit.Km) - _DEVIATIONS * deviation) / np.outer(scale, scale)
+    size = _sizes(fit.Km)
+    relative = (np.abs(Km - fit.Km) - _DEVIATIONS * deviation) / np.outer(size, size)
     if relative.max() > _CURVED:
         farthest = [1000 * np.linalg.norm(motion.twist[:, part], axis=1).max() for part in _HALVES]
         yield (

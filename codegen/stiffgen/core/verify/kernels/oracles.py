@@ -49,8 +49,8 @@ def _turned_to_hybrid(r: References) -> tuple[FloatArray, FloatArray]:
     """Return wrench and covariant Hessian of the potential in hybrid axes."""
     wrench, covariant, _ = r.potential
     turn = _turns(r)
-    in_hybrid = np.einsum("sij,sj->si", turn, wrench), turn @ covariant @ _back(turn)
-    return in_hybrid[0].astype(float), in_hybrid[1].astype(float)
+    in_hybrid = np.einsum("sij,sj->si", turn, wrench)
+    return in_hybrid.astype(float), (turn @ covariant @ _back(turn)).astype(float)
 
 
 def _turns(r: References) -> Any:
