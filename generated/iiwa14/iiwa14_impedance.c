@@ -569,6 +569,17 @@ static double mode_damping(double l, double late, double damping_ratio)
     return larger(sqrt(larger(square, 0.0)) - p, l * late);
 }
 
+/*
+ * Return the share of full speed that stops within a way [s at full speed], if the share may change by `slope` per
+ * sample T: v^2 = way / settling - 1/4, a ramp; from v = 1/2 on v = way / settling, exponential, or the arm overshoots.
+ */
+static double stopping_speed(double way, double slope, double T)
+{
+    const double settling = 0.5 * T / slope; /* [s] time constant: the ramp's slope is T / (2 settling) */
+    const double speed = way > 0.5 * settling ? sqrt(way / settling - 0.25) : larger(way / settling, slope);
+    return smaller(way / T, speed); /* no farther than there in one sample */
+}
+
 /* Numbers, vectors, and matrices of N rows, row-major. */
 
 /* Count up to LONGEST. */
@@ -1643,9 +1654,8 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
         moved[i] = follow ? moved[i] : 0.0;
         rest[i] = k->accepted ? k->q0[i] - f->r[i] - moved[i] : 0.0;
     }
-    const double way = relative_speed(c, rest), settling = 0.5 * T / slope; /* [s] */
-    const double slow = larger(way / settling, slope), stop = way > 0.5 * settling ? sqrt(way / settling - 0.25) : slow;
-    const double speed = smaller(smaller(way / T, 1.0), stop);
+    const double way = relative_speed(c, rest); /* [s] */
+    const double speed = smaller(stopping_speed(way, slope, T), 1.0);
     for (int i = 0; i < N; ++i) {
         dr[i] = moved[i] / T + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }

@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "9ab6fd8ea068eee1"
+#define SOURCES "8f7b499ef55f8129"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -35,9 +35,8 @@ static int approach(const memory_t *m, const command_t *k, double *dr)
         moved[i] = follow ? moved[i] : 0.0;
         rest[i] = k->accepted ? k->q0[i] - f->r[i] - moved[i] : 0.0;
     }
-    const double way = relative_speed(c, rest), settling = 0.5 * T / slope; /* [s] */
-    const double slow = larger(way / settling, slope), stop = way > 0.5 * settling ? sqrt(way / settling - 0.25) : slow;
-    const double speed = smaller(smaller(way / T, 1.0), stop);
+    const double way = relative_speed(c, rest); /* [s] */
+    const double speed = smaller(stopping_speed(way, slope, T), 1.0);
     for (int i = 0; i < N; ++i) {
         dr[i] = moved[i] / T + (way > 0.0 ? rest[i] * (speed / way) : 0.0);
     }
