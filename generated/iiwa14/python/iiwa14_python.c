@@ -21,7 +21,7 @@
 #include "../iiwa14_paper.h"
 
 #define ROBOT "iiwa14"
-#define SOURCES "8f7b499ef55f8129"
+#define SOURCES "8a71ec08155adb9b"
 
 typedef double number;
 static const int NUMBER = NPY_DOUBLE;

@@ -67,7 +67,8 @@ double CALL(external_wrench)(const double jacobian[6 * ID(DOF)], const double to
         V[k][k] = 1.0;
         wrench[k] = nan_of_jacobian + nan_of_others;
     }
-    /* A V has orthogonal columns a_k. With t = torque / deviation, wrench = V y, y_k = a_k . t / (|a_k|^2 + damping^2). */
+    /* A V has orthogonal columns a_k. With t = torque / deviation, wrench = V y,
+     * y_k = a_k . t / (|a_k|^2 + damping^2). */
     CALL(orthogonalise)(A, V);
     double squares[6], largest = 0.0, smallest = (double)INFINITY; /* |a_k|^2: singular values squared */
     for (int k = 0; k < 6; ++k) {
