@@ -158,10 +158,10 @@ def named_sections(sections: Sequence[Section]) -> list[tuple[str, list[tuple[st
         for name, value in section.values.items():
             kind = section.kinds.get(name, Kind.NUMBER)
             rows, columns = value.shape
-            for r in range(rows):
-                for c in range(columns):
-                    row, column = str(r) if rows * columns > 1 else "", str(c) if columns > 1 else ""
-                    members.append((name + row + column, value[r, c], kind))
+            ends = [f"{r}{c}" if columns > 1 else str(r) for r in range(rows) for c in range(columns)]
+            if rows * columns == 1:
+                ends = [""]
+            members += [(name + end, entry, kind) for end, entry in zip(ends, entries_of(value), strict=True)]
         named.append((c_comment(section.title), members, section.shared))
     return named
 

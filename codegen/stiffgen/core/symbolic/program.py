@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import casadi as ca
 
@@ -260,16 +260,16 @@ def evaluate(
 
 def entries_of(value: ca.SX) -> list[ca.SX]:
     """Return the row-major entries of a matrix."""
-    dense = ca.densify(value)
-    return [dense[r, c] for r in range(dense.shape[0]) for c in range(dense.shape[1])]
+    return cast(list[ca.SX], ca.densify(value).T.nonzeros())
 
 
 def as_operand(shape: tuple[int, ...], entries: Sequence[ca.SX]) -> ca.SX:
     """Return entries in CasADi's form: a matrix for two dimensions, otherwise a column."""
+    column = ca.vertcat(*entries)
     if len(shape) != 2:
-        return ca.vertcat(*entries)
-    rows = [ca.horzcat(*entries[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
-    return ca.vertcat(*rows)
+        return column
+    rows, columns = shape
+    return ca.reshape(column, columns, rows).T
 
 
 def pruned(

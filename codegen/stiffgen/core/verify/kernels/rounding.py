@@ -306,19 +306,15 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
     inputs = np.concatenate([*columns, np.ones((1, count))])  # (entries, states)
     function = ca.Function("f", [ca.vertcat(*symbols, ONE)], [ca.vec(ca.densify(expression))], {"cse": True})
 
-    def evaluated(number: type[np.floating[Any]]) -> FloatArray:
-        """Return the entries (entries, states) in an arithmetic of NumPy."""
-        constant = partial(np.full, count, dtype=number)
-        return np.stack(run(function, [list(inputs.astype(number))], constant, OPERATIONS)[0])
-
+    constant, in_doubles_only = partial(np.full, count, dtype=np.longdouble), np.asarray(function.map(count)(inputs))
     try:
         with np.errstate(all="ignore"):  # in branches that are not selected
-            entries, in_doubles_only = evaluated(np.longdouble), evaluated(np.float64)
+            entries = np.stack(run(function, [list(inputs.astype(np.longdouble))], constant, OPERATIONS)[0])
             lost = np.nanmax(np.abs(entries - in_doubles_only), axis=1, initial=0.0, keepdims=True)
             rounding = np.finfo(np.longdouble).eps / np.finfo(np.float64).eps * lost
             entries = np.where(np.abs(entries) <= 16 * rounding, 0, entries)
     except KeyError:
-        entries = np.asarray(function.map(count)(inputs))
+        entries = in_doubles_only
     return np.ascontiguousarray(_matrices(entries.T, *expression.shape))
 
 
