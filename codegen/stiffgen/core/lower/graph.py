@@ -127,8 +127,10 @@ class Graph:
         A comparison that divides by itself cannot: with a NaN it is 0, and the results are 0/0.
         """
         results = list(results)
-        conditional = [n for n in self.uses(results) if self.keys[n][0] in CONDITIONAL]
-        return any(not self._is_mask(number, results) for number in conditional)
+        conditional = {number for number, (kind, _, _) in enumerate(self.keys) if kind in CONDITIONAL}
+        return bool(conditional) and any(
+            not self._is_mask(number, results) for number in self.uses(results) if number in conditional
+        )
 
     def _is_mask(self, comparison: int, results: Iterable[int]) -> bool:
         """Return whether all results that depend on a comparison are NaN where it is 0."""

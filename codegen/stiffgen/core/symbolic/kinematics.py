@@ -71,9 +71,14 @@ def constant(matrix: Matrix | Vector) -> ca.SX:
     return ca.SX(ca.sparsify(ca.DM(matrix)))
 
 
+def dense(x: ca.SX) -> ca.SX:
+    """Return a matrix without structural zeros, itself if it has none: CasADi's densify takes its time for both."""
+    return x if x.is_dense() else ca.densify(x)
+
+
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     """Return a x b of two 3-vectors."""
-    return ca.cross(ca.densify(a), ca.densify(b))
+    return ca.cross(dense(a), dense(b))
 
 
 def bracket(x: ca.SX, y: ca.SX) -> ca.SX:

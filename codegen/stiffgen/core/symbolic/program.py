@@ -24,6 +24,7 @@ from typing import Any, Literal, cast
 import casadi as ca
 
 from stiffgen.core.robot.chain import Chain
+from stiffgen.core.symbolic.kinematics import dense
 
 
 class Over(Enum):
@@ -260,7 +261,7 @@ def evaluate(
 
 def entries_of(value: ca.SX) -> list[ca.SX]:
     """Return the row-major entries of a matrix."""
-    return cast(list[ca.SX], ca.densify(value).T.nonzeros())
+    return cast(list[ca.SX], dense(value).T.nonzeros())
 
 
 def as_operand(shape: tuple[int, ...], entries: Sequence[ca.SX]) -> ca.SX:
