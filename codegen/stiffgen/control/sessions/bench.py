@@ -121,7 +121,7 @@ class ControllerBench:
         """Return the springs' energy [J] with the tips at poses ``here`` (tips, 4, 4), but one at another pose."""
         poses = here.copy()
         poses[tip] = pose
-        return energy_of_all(poses, equilibria, self.Kt, self.Ko, self.robot.springs.placement, self.pairs)
+        return float(energy_of_all(poses, equilibria, self.Kt, self.Ko, self.robot.springs.placement, self.pairs))
 
     def status(self, out: Any, *names: str) -> bool:
         """Return whether any of the bits is set."""

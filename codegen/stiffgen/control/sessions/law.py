@@ -19,6 +19,8 @@ from stiffgen.core.symbolic.placement import Placement
 
 Poses = Callable[[FloatArray], Any]
 """Poses of the tips at q, (4, 4) or (tips, 4, 4)."""
+Energies = Any
+"""Energy [J]: one number, or one per element of a stack of poses."""
 Pairs = Sequence[tuple[int, int]]
 """Tips of each pair, by number."""
 
@@ -62,60 +64,70 @@ class SpringArguments(NamedTuple):
     pairs: Pairs = ()
 
 
-def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> float:
-    """Return U = e^T Kt e / 2 + (1 - cos a) u^T Ko u [J] of one tip.
+def energy(pose: Any, equilibrium: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT) -> Energies:
+    """Return U = e^T Kt e / 2 + (1 - cos a) u^T Ko u [J] of one tip, at a pose (4, 4) or a stack of them (..., 4, 4).
 
     e is the displacement of the centre of stiffness, u and a are the axis and angle of R0^T R; e and u are seen in the
     placement's axes.
     """
     centre = np.array(placement.centre)
-    turn, turn_at_rest = pose[:3, :3], equilibrium[:3, :3]
+    turn, turn_at_rest = pose[..., :3, :3], equilibrium[:3, :3]
     axes = {"base": np.eye(3), "tip": turn, "equilibrium": turn_at_rest}
-    e = (pose[:3, 3] + turn @ centre) - (equilibrium[:3, 3] + turn_at_rest @ centre)
-    e = axes[placement.translation_axes or "base"].T @ e
-    R = turn_at_rest.T @ pose[:3, :3]
+    e = (pose[..., :3, 3] + turn @ centre) - (equilibrium[:3, 3] + turn_at_rest @ centre)
+    e = _seen_in(axes[placement.translation_axes or "base"], e)
+    R = turn_at_rest.T @ turn
     # w = u sin a, first in the equilibrium's axes: R - R^T = 2 sin a [u]
-    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
-    w = axes[placement.rotation_axes].T @ turn_at_rest @ w
-    cosine = (np.trace(R) - 1) / 2
+    w = np.stack([R[..., i, j] - R[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
+    w = _seen_in(axes[placement.rotation_axes], w @ turn_at_rest.T)
+    cosine = (np.trace(R, axis1=-2, axis2=-1) - 1) / 2
     # (1 - cos a) u^T Ko u = w^T Ko w / (1 + cos a), as sin^2 a = (1 - cos a) (1 + cos a): no division by a small sine
-    return float(e @ Kt @ e / 2 + w @ Ko @ w / (1 + cosine))
+    return _square(e, Kt) / 2 + _square(w, Ko) / (1 + cosine)
 
 
-def pair_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> float:
+def _seen_in(axes: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return A^T v of axes A (..., 3, 3) and vectors v (..., 3)."""
+    return np.asarray((vectors[..., None, :] @ axes)[..., 0, :])
+
+
+def _square(vectors: FloatArray, K: FloatArray) -> Energies:
+    """Return v^T K v of vectors v (..., 3)."""
+    return ((vectors @ K) * vectors).sum(axis=-1)
+
+
+def pair_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> Energies:
     """Return the energy [J] of the spring between tips at poses a and b, at rest at ``rests``.
 
     Its centre is half-way between the tips, its stiffness half in the axes of each: the displacement there is
     pb - pa - (A + B) d0/2, with the pose (E0, d0) of B in A at rest, A = Ra and B = Rb E0^T.
     """
     rest = np.linalg.inv(rests[0]) @ rests[1]
-    A, B = a[:3, :3], b[:3, :3] @ rest[:3, :3].T
-    e = b[:3, 3] - a[:3, 3] - (A + B) @ rest[:3, 3] / 2  # displacement at the centre [m]
-    turned, fixed = np.eye(4), np.eye(4)  # the rotational part is that of a single spring between A and B
-    turned[:3, :3] = A.T @ B
-    translation = sum((R.T @ e) @ Kt @ (R.T @ e) for R in (A, B)) / 4
-    return float(translation) + energy(turned, fixed, np.zeros((3, 3)), Ko)
+    A, B = a[..., :3, :3], b[..., :3, :3] @ rest[:3, :3].T
+    e = b[..., :3, 3] - a[..., :3, 3] - (A + B) @ rest[:3, 3] / 2  # displacement at the centre [m]
+    turned = np.zeros_like(a)  # the rotational part is that of a single spring between A and B
+    turned[..., :3, :3] = np.swapaxes(A, -2, -1) @ B
+    translation = sum(_square(_seen_in(R, e), Kt) for R in (A, B)) / 4
+    return translation + energy(turned, np.eye(4), np.zeros((3, 3)), Ko)
 
 
-def absolute_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> float:
+def absolute_energy(a: Any, b: Any, rests: tuple[Any, Any], Kt: Any, Ko: Any) -> Energies:
     """Return the energy [J] of the absolute spring of tips at poses a and b: the middle, and half on each rotation."""
-    e = (a[:3, 3] + b[:3, 3] - rests[0][:3, 3] - rests[1][:3, 3]) / 2  # displacement of the middle [m]
+    e = (a[..., :3, 3] + b[..., :3, 3] - rests[0][:3, 3] - rests[1][:3, 3]) / 2  # displacement of the middle [m]
     turn_at_rest = (np.linalg.inv(rests[0]) @ rests[1])[:3, :3]  # of B in A
     b_as_a = np.array(b, dtype=float)  # B's turn as one of A: the identity from A where B is turned as at rest
-    b_as_a[:3, :3] = b[:3, :3] @ turn_at_rest.T
+    b_as_a[..., :3, :3] = b[..., :3, :3] @ turn_at_rest.T
     no_translation = np.zeros((3, 3))
     halves = (energy(pose, rests[0], no_translation, Ko) / 2 for pose in (a, b_as_a))
-    return float(e @ Kt @ e / 2) + sum(halves)
+    return _square(e, Kt) / 2 + sum(halves)
 
 
 def energy_of_all(
     poses: Any, equilibria: Any, Kt: Any, Ko: Any, placement: Placement = DEFAULT, pairs: Pairs = ()
-) -> float:
+) -> Energies:
     """Return the energy [J] of all springs.
 
     Args:
-        poses: poses of the tips, (4, 4) or (tips, 4, 4).
-        equilibria: poses at which the springs rest, of the same shape.
+        poses: poses of the tips, (4, 4) or (..., tips, 4, 4).
+        equilibria: poses at which the springs rest, (4, 4) or (tips, 4, 4).
         Kt: translational stiffnesses [N/m], (3, 3) or (tips + 2 pairs, 3, 3): those of the tips, then those of the
             pairs, then those of the pairs' absolute springs. This is the controller's order.
         Ko: rotational stiffnesses [N m/rad] in this order.
@@ -123,7 +135,8 @@ def energy_of_all(
         pairs: tips of each pair with springs.
 
     """
-    at, rest = np.reshape(poses, (-1, 4, 4)), np.reshape(equilibria, (-1, 4, 4))
+    rest = np.reshape(equilibria, (-1, 4, 4))
+    at = np.moveaxis(np.reshape(poses, (*np.shape(poses)[:-3], -1, 4, 4)), -3, 0)  # (tips, ..., 4, 4)
     stiffness = list(zip(np.reshape(Kt, (-1, 3, 3)), np.reshape(Ko, (-1, 3, 3)), strict=True))
     absolute = len(at) + len(pairs)  # number of the first absolute spring
     of_tips, of_pairs = stiffness[: len(at)], stiffness[len(at) : absolute]
@@ -208,10 +221,14 @@ def potential(
     k: Any,
     placement: Placement = DEFAULT,
     pairs: Pairs = (),
-) -> float:
-    """Return the energy [J] of the springs of tips and pairs and of the posture potential k (q - posture)^2 / 2."""
-    springs = energy_of_all(poses(q), equilibrium, Kt, Ko, placement, pairs)
-    return springs + float(np.sum(k * (q - posture) ** 2) / 2)
+) -> Energies:
+    """Return the energy [J] of the springs of tips and pairs and of the posture potential k (q - posture)^2 / 2.
+
+    A stack of positions q (count, n) has as many energies.
+    """
+    at = poses(q) if np.ndim(q) == 1 else np.array([np.reshape(poses(each), (-1, 4, 4)) for each in q])
+    springs = energy_of_all(at, equilibrium, Kt, Ko, placement, pairs)
+    return springs + np.sum(k * (q - posture) ** 2, axis=-1) / 2
 
 
 def elastic_torque(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
@@ -220,8 +237,20 @@ def elastic_torque(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
 
 
 def joint_hessian(poses: Poses, q: FloatArray, *spring: Any) -> FloatArray:
-    """Return d2U/dq2 [N m/rad], (n, n), by differences of the torque."""
-    return -differences(lambda at: elastic_torque(poses, at, *spring), q).T
+    """Return d2U/dq2 [N m/rad], (n, n), by differences of differences of :func:`potential`.
+
+    Each pair of joints is moved once. ``spring`` is a :class:`SpringArguments`.
+    """
+    i, j = np.triu_indices(len(q))
+    unit, sizes = np.eye(len(q)), _STEP * np.array([-2, -1, 1, 2])
+    moved = q + sizes[:, None, None, None] * unit[i] + sizes[:, None, None] * unit[j]  # (4, 4, pairs of joints, n)
+    energies = np.reshape(potential(poses, moved.reshape(-1, len(q)), *spring), moved.shape[:-1])
+    for _ in range(2):
+        twice_back, back, on, twice_on = energies
+        energies = _slope(on - back, twice_on - twice_back)
+    hessian = np.empty((len(q), len(q)))
+    hessian[i, j] = hessian[j, i] = energies
+    return hessian
 
 
 def friction_side(velocity: FloatArray, trend: FloatArray) -> FloatArray:
