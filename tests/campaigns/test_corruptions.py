@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import pytest
 
 import stiffgen
+from stiffgen.control.sessions import library
 from stiffgen.core.emit import build
 from stiffgen.core.opened import open_robot
 from stiffgen.core.verify.folder import widths
@@ -164,7 +165,14 @@ def place(fault: Fault, folder: Path) -> Path:
 
 FIRST = {
     "load: reads one configuration too many": ("bounds of memory",),
+    "store: last entries not guarded": ("NaN and infinity",),
+    "lower limit in C": ("names and limits in C",),
+    "effort in C": ("names and limits in C",),
+    "a velocity that contradicts accepted": ("hostile sessions",),
+    "step of another argument": ("stacks of every length",),
+    "columns taken as rows": ("stacks of every length",),
     C: ("stacks of every length",),
+    PYTHON_C: ("differentiating and comparing",),
     CONTROLLER: ("stepping the controller", "hostile sessions"),
     PYTHON: ("names and limits",),
     URDF.name: ("reading the URDF",),
@@ -186,6 +194,7 @@ def _order(title: str, first: Sequence[str]) -> tuple[bool, int]:
 def _verify(folder: Path, urdf: Path | None, first: Sequence[str], kept: KeptObjects, send: Connection) -> None:
     """Send the comparisons of values of the first step of ``verify`` that has failed ones; [] if none has."""
     build._FAST_TO_COMPILE, build.run_all = ("-O0",), kept.run
+    library.CAREFUL = ("-O0", *library.CAREFUL[1:])
     widths.WIDTHS = widths.WIDTHS[:2]  # the module has the widest vectors
     robot = open_robot(folder)
     load_module(robot)
@@ -309,7 +318,7 @@ def fewer(chain: dict[str, Any]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "spoil",
-    [mass, *(pytest.param(spoil, marks=pytest.mark.slow) for spoil in (fewer, axis, limit, coordinate, tip))],
+    [mass, fewer, limit, tip, *(pytest.param(spoil, marks=pytest.mark.wide) for spoil in (axis, coordinate))],
     ids=lambda spoil: spoil.__name__,
 )
 def test_another_chain_in_the_manifest(spoil: Callable[[dict[str, Any]], None], robot_folder, tmp_path, failures):

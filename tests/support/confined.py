@@ -12,7 +12,7 @@ from pathlib import Path
 
 LOADED = multiprocessing.get_context("forkserver")
 """Context that forks a server with stiffgen loaded; a Python process has one such server."""
-LOADED.set_forkserver_preload(["stiffgen.cli"])
+LOADED.set_forkserver_preload(["stiffgen.cli", "support.loaded"])
 
 
 def run_forked(arguments: list[str], folder: Path, megabytes: int, seconds: int) -> subprocess.CompletedProcess[str]:
