@@ -35,6 +35,8 @@ MOTOR_INERTIA = 0.2
 """[kg m^2] of each motor as it appears at its joint."""
 LONGEST_SUBSTEP = 0.0005
 """[s] of the physics."""
+CONTACTS = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
+"""The first type of a contact's rows; those of other contacts follow, and nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,8 @@ class Plant:
         self._sensor = self.model.site("sensor").id
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
         self._payload = _payload(self.model, self._held)
-        self._weight, self._per_lever = np.zeros(3), np.zeros((3, 3))
+        self._weight, self._per_lever, self._hangs = np.zeros(3), np.zeros((3, 3)), False
+        self._computed: tuple[bytes, bytes] | None = None
         self.place(np.asarray(q, dtype=float))
 
     def place(self, q: Array) -> None:
@@ -109,6 +112,7 @@ class Plant:
         """Hang a weight [kg] at the tip: a force without inertia."""
         self._weight = mass * np.array(self.model.opt.gravity)
         self._per_lever = np.cross(np.eye(3), self._weight)  # lever @ it is lever x weight
+        self._hangs = bool(self._weight.any())
         self._forward(np.zeros(DOF))
 
     @property
@@ -137,9 +141,10 @@ class Plant:
     def step(self, torque: ArrayLike) -> None:
         """Advance one timestep under a held torque command, compensation not included [N m]."""
         torque = np.asarray(torque, dtype=float)
-        for _ in range(self._substeps):
-            mujoco.mj_step1(self.model, self.data)
-            self._pull()
+        for substep in range(self._substeps):
+            if substep or self._computed != self._state():  # else the last step has ended with what mj_step1 computes
+                mujoco.mj_step1(self.model, self.data)
+                self._pull()
             self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
             mujoco.mj_step2(self.model, self.data)
         self._steps += 1
@@ -150,18 +155,22 @@ class Plant:
         self._pull()
         mujoco.mj_fwdVelocity(self.model, self.data)
         self.data.qfrc_applied[:] = torque + self.data.qfrc_bias
-        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_forwardSkip(self.model, self.data, mujoco.mjtStage.mjSTAGE_VEL, 0)  # the rest of mj_forward
+        self._computed = self._state()
+
+    def _state(self) -> tuple[bytes, bytes]:
+        return self.data.qpos.tobytes(), self.data.qvel.tobytes()
 
     def _pull(self) -> None:
         """Apply the force of a hanging weight at the present position."""
-        if self._weight.any():
+        if self._hangs:
             lever = self.data.site_xpos[self._tip] - self.data.xipos[self._held]
             self.data.xfrc_applied[self._held] = [*self._weight, *(lever @ self._per_lever)]
 
     @property
     def reading(self) -> Array:
         """Reading (6) of the force/torque sensor between flange and tool, flange axes: robot on tool [N, N m]."""
-        return np.concatenate([self.data.sensor(name).data for name in ("force", "torque")])
+        return np.array(self.data.sensordata)
 
     def wrench(self, robot: Any) -> Array:
         """Return the wrench (force [N], moment [N m]) of the environment on the robot at the tip, base axes.
@@ -189,14 +198,7 @@ class Plant:
     def external_torque(self) -> Array:
         """Joint torques of contacts and hanging weight, J^T wrench [N m]: KUKA's controller estimates these torques."""
         data = self.data
-        is_contact = np.isin(
-            data.efc_type,
-            [
-                mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS,
-                mujoco.mjtConstraint.mjCNSTR_CONTACT_PYRAMIDAL,
-                mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC,
-            ],
-        )
+        is_contact = data.efc_type >= CONTACTS
         torque, at_tip = np.zeros(DOF), np.empty((3, DOF))
         mujoco.mj_mulJacTVec(self.model, data, torque, np.where(is_contact, data.efc_force, 0.0))
         mujoco.mj_jacSite(self.model, data, at_tip, None, self._tip)
