@@ -21,7 +21,7 @@ const int STANDING = 20;
 const double MOST_PERIODS = 1e6;
 
 /* [s] A gap that is told by the time stamps alone is not believed beyond this: the clock was set. */
-const double LARGEST_GAP = 10.0;
+const double BRIDGED_GAP = 10.0;
 
 } // namespace
 
@@ -40,7 +40,7 @@ void RobotClock::lay(std::int64_t stamp)
 /* A counter that counts anew: the time stamps alone tell the periods; passed: of them, -1 if they are not usable. */
 void RobotClock::begin_anew(std::int64_t stamp, double passed, double period)
 {
-    const bool gap = passed >= 0.5 && passed * period <= LARGEST_GAP;
+    const bool gap = passed >= 0.5 && passed * period <= BRIDGED_GAP;
     periods_ = gap ? static_cast<int>(std::lround(passed)) : 1;
     bad_ = bad_ || !gap;
     lay(stamp);

@@ -10,10 +10,10 @@ namespace {
 const double UNKNOWN = 10.0, MOST_UNKNOWN = 50.0;
 
 /* [s] of a search for contact beyond the way there at Press' speed. */
-const double PATIENCE = 5.0;
+const double PRESS_PATIENCE = 5.0;
 
 /* [rad/s] below which the trajectory rests. */
-const double REST = 1e-4;
+const double RESTING = 1e-4;
 
 /* Share of the tip's largest distance from the trajectory by which the pose may be moved; the rest is for errors. */
 const double OFFSET_SHARE = 0.5;
@@ -88,12 +88,12 @@ void Pressing::step(const robot::Output *last, const double *wrench, bool reache
     note(made);
 }
 
-/* Note whether the trajectory rests: from sample to sample, no joint is faster than REST. */
+/* Note whether the trajectory rests: from sample to sample, no joint is faster than RESTING. */
 void Pressing::watch(const double *q0)
 {
     rests_ = true;
     for (int i = 0; i < JOINTS; ++i) {
-        rests_ = rests_ && std::fabs(q0[i] - last_[i]) <= REST * controller_.sample_time;
+        rests_ = rests_ && std::fabs(q0[i] - last_[i]) <= RESTING * controller_.sample_time;
     }
     copy(q0, last_, JOINTS);
 }
@@ -107,7 +107,7 @@ void Pressing::note(const robot::PressOutput &made)
     if (end_ != HELD) {
         return;
     }
-    if (sought_ > whole_way + PATIENCE) {
+    if (sought_ > whole_way + PRESS_PATIENCE) {
         end_ = MISSED;
     } else if (made.stage == robot::PRESS_LOST) {
         end_ = LOST;

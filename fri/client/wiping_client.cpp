@@ -18,7 +18,7 @@ const double STANDING_RANGE = 0.03, SETTLED_RANGE = 0.015;
 const double ALLOWANCE = 8.0;
 
 /* [s] since a wrench that never came. */
-const double NEVER = 1e9;
+const double LONG_AGO = 1e9;
 
 /* Heaviest force [N] without a force limit, and moment [N m]; an energy limit may set less. */
 const double LARGEST_FORCE = 150.0, LARGEST_MOMENT = 20.0;
@@ -56,7 +56,7 @@ WipingClient::WipingClient(const Settings &settings, const Trajectory &trajector
       wrench_(sensor, settings.calibration, settings.wrench_damping, settings.external_torque_sign),
       reference_(trajectory, settings.approach_time), pace_(settings.pace), sample_time_(0.0), reported_period_(0.0),
       other_period_(0), since_position_(0.0), since_followed_(0.0), valid_(false), wild_joint_(0), wild_position_(0.0),
-      has_velocity_(false), since_wrench_(NEVER), button_(false), has_button_(false), quality_(0), operation_mode_(0),
+      has_velocity_(false), since_wrench_(LONG_AGO), button_(false), has_button_(false), quality_(0), operation_mode_(0),
       without_torque_mode_(0), without_drives_(0), without_states_(0), controlling_(false), start_(0), faulted_(false),
       good_time_(0.0), events_(0), last_command_(0.0), last_callback_(0.0), allowance_(0.0), held_by_(Pace::FREE),
       fast_samples_(0), fast_joint_(0), let_go_(LET_GO_NONE), zero_(false), answers_before_zero_(0), ended_(false),

@@ -57,6 +57,10 @@ QUICK_SANITIZERS = SANITIZERS.replace("-O1", "-O0")
 """The same for short runs: clang takes a minute of optimising with both sanitizers for the kernels alone."""
 
 
+IN_ONE_UNIT = ["-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_UNITY_BUILD_BATCH_SIZE=0"]
+"""CMake options: each target's sources in one unit. Headers take most of the compiler's time, half of it in all."""
+
+
 def run_cmake(*commands: Sequence[object]) -> None:
     """Run CMake once for each list of arguments."""
     for arguments in commands:

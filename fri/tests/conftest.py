@@ -25,6 +25,7 @@ from fri.support.run import Run
 from fri.support.served import unread, waits
 from fri.support.session import (
     FUZZER,
+    IN_ONE_UNIT,
     QUICK_SANITIZERS,
     Programs,
     build,
@@ -90,6 +91,7 @@ def make_programs(once: Once, robot_library: Callable[[str, str], list[str]]) ->
             else:
                 options = [f"-DOPEN_FRI_VERSION={version}"]
             options += robot_library(compiler, library)
+            options += IN_ONE_UNIT if name != "2.7" else []  # there each file is compiled alone
             targets = {"sanitized": (*TOOLS, FUZZER), **dict.fromkeys(VERSIONS, ("all",))}.get(name, TOOLS)
             build(folder, options, compiler=compiler, flags=flags, targets=targets)
 
@@ -118,7 +120,7 @@ def client_program(
 
         def make(folder: Path) -> None:
             options = [f"-DOPEN_FRI_VERSION={version}", *robot_library("clang", QUICK_SANITIZERS)]
-            options += compilers("clang", QUICK_SANITIZERS, " -Werror")
+            options += [*compilers("clang", QUICK_SANITIZERS, " -Werror"), *IN_ONE_UNIT]
             run_cmake(["-S", CLIENT, "-B", folder, *options], ["--build", folder, "-j2"])
 
         return once(f"fri-client-{version}", make) / "fri_wiping"
