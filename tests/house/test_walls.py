@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -39,20 +40,22 @@ def modules() -> dict[str, Path]:
     }
 
 
+@cache  # nine of ten seconds of this file would go into reading the package again
+def imported(file: Path) -> frozenset[str]:
+    """Return the names of modules that a file may import, anywhere in its text."""
+    found = set[str]()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(found)
+
+
 def imports() -> dict[str, set[str]]:
-    """Return the modules of this package that each module imports, anywhere in its text."""
-    files, found = modules(), dict[str, set[str]]()
-    for module, file in files.items():
-        found[module] = set()
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import):
-                named = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                named = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            else:
-                continue
-            found[module] |= {name for name in named if name in files and name != module}
-    return found
+    """Return the modules of this package that each module imports."""
+    files = modules()
+    return {module: (imported(file) & files.keys()) - {module} for module, file in files.items()}
 
 
 def room(module: str) -> str:
