@@ -10,6 +10,7 @@ from types import ModuleType
 import pytest
 
 import stiffgen
+from examples import two_arms
 from examples.bowl_wiping.__main__ import main as wipe_bowl
 from examples.experiments.tool import SENSOR
 from examples.parkour.__main__ import main as run_parkour
@@ -71,3 +72,9 @@ def solo_folder(once: Once) -> Path:
 @pytest.fixture(scope="session")
 def solo(solo_folder: Path) -> ModuleType:
     return stiffgen.open_robot(solo_folder).module
+
+
+@pytest.fixture(scope="session")
+def two_arms_folder(once: Once) -> Path:
+    """Return the folder of the two iiwa 14 of examples/two_arms.py, with their URDF beside the robot's."""
+    return once("two-arms", lambda output: two_arms.generated(output))

@@ -14,18 +14,15 @@ import stiffgen
 from examples import two_arms
 from stiffgen.control.companions import CARRY
 from support.c_library import check_contained
-from support.project import ROOT, Once
+from support.project import ROOT
 
 Array = np.ndarray[Any, np.dtype[Any]]
 START = two_arms.wanted(0.0)
 
 
 @pytest.fixture(scope="module")
-def arms(once: Once) -> ModuleType:
-    def make(folder: Path) -> None:
-        two_arms.generated(folder)
-
-    return stiffgen.open_robot(once("two-arms", make) / "two_arms").module
+def arms(two_arms_folder: Path) -> ModuleType:
+    return stiffgen.open_robot(two_arms_folder / "two_arms").module
 
 
 def turned(shift: tuple[float, float, float], axis: int, angle: float) -> Array:
