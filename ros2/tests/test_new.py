@@ -3,31 +3,39 @@
 
 from __future__ import annotations
 
+import io
 import re
 import subprocess
-import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
+from stiffgen.cli import main
+
 from .building import PACKAGE, ROS2, SCENARIOS, build, compile_robot, compile_scenarios
 
 PANDA = ROS2.parent / "tests" / "data" / "panda.urdf"
 
 
-def new(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "stiffgen", "new", *map(str, arguments), "--controller", "ros2"]
-    return subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+def new(*arguments: object) -> tuple[int, str]:
+    """Make a package in this process; return the exit code and what is said on standard error."""
+    with redirect_stderr(io.StringIO()) as said, redirect_stdout(io.StringIO()):
+        try:
+            code = main(["new", *map(str, arguments), "--controller", "ros2"])
+        except SystemExit as refused:  # by the parser
+            code = int(refused.code or 0)
+    return code, said.getvalue()
 
 
 @pytest.fixture(scope="module")
 def panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a package around another arm, with a name that ROS does not want."""
     folder = tmp_path_factory.mktemp("new") / "panda_ros2"
-    done = new(PANDA, "--tip", "panda_link8", "--name", "Panda", "--output", folder)
-    assert done.returncode == 0, done.stderr
+    code, said = new(PANDA, "--tip", "panda_link8", "--name", "Panda", "--output", folder)
+    assert code == 0, said
     return folder
 
 
@@ -85,8 +93,8 @@ def test_a_template_is_expanded_and_keeps_its_licence(tmp_path: Path) -> None:
         '<xacro:include filename="$(find maker_description)/arm.urdf"/></robot>'
     )
     project = tmp_path / "out"
-    done = new(template, "name:=arm", "--tip", "panda_link8", "--output", project)
-    assert done.returncode == 0, done.stderr
+    code, said = new(template, "name:=arm", "--tip", "panda_link8", "--output", project)
+    assert code == 0, said
     maker.rename(tmp_path / "gone")
     scope: dict[str, Any] = {}
     exec((project / "launch" / "mock.launch.py").read_text(), scope)
@@ -107,8 +115,8 @@ def without_limits(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("limits")
     urdf = folder / "arm.urdf"
     urdf.write_text(re.sub(r' (effort|velocity)="[^"]*"', "", PANDA.read_text()))
-    done = new(urdf, "--tip", "panda_link8", "--name", "arm", "--output", folder / "arm_ros2")
-    assert done.returncode == 0 and "src/defaults.hpp" in done.stderr, done.stderr
+    code, said = new(urdf, "--tip", "panda_link8", "--name", "arm", "--output", folder / "arm_ros2")
+    assert code == 0 and "src/defaults.hpp" in said, said
     return folder / "arm_ros2"
 
 
@@ -131,11 +139,11 @@ def test_refused_robots_leave_nothing(tmp_path: Path) -> None:
         '<mujoco model="arm"><worldbody><body name="link"><joint name="a" axis="0 0 1" range="-1 1" limited="true"/>'
         '<geom size="0.1"/><body name="tip" pos="1 0 0"><geom size="0.1"/></body></body></worldbody></mujoco>'
     )
-    for arguments, said in (
+    for arguments, reason in (
         ((mjcf, "--tip", "tip"), "needs a URDF or xacro"),
         ((PANDA, "--tip", "panda_link8", "--no-masses"), "--controller ros2 needs masses"),
         ((PANDA, "--tip", "panda_link8", "--spring", "quaternion"), "--spring quaternion"),
     ):
-        done = new(*arguments, "--output", tmp_path / "out")
-        assert done.returncode == 2 and said in done.stderr, done.stderr
+        code, said = new(*arguments, "--output", tmp_path / "out")
+        assert code == 2 and reason in said, said
         assert not (tmp_path / "out").exists()
