@@ -86,41 +86,56 @@ def test_gradients_have_values_and_no_derivatives(robot, request, double):
     assert seen == {"manipulability_gradient", "stiffness_direction_gradient"}
 
 
+def pulled_back(case, given, cotangents):
+    results, back = jax.vjp(case.function, *given)
+    return back(results.__class__(cotangents) if isinstance(results, tuple) else cotangents[0])
+
+
+def close(found, expected, path):
+    assert len(found) == len(expected), path
+    for each, other in zip(found, expected, strict=True):
+        assert isinstance(each, jax.Array) and each.dtype == np.float64
+        np.testing.assert_allclose(each, other, rtol=1e-12, atol=1e-12 * np.abs(other).max(initial=0), err_msg=path)
+
+
 @pytest.mark.parametrize(("robot", "step"), [("small", 1), pytest.param("walker", 3, marks=pytest.mark.wide)])
 def test_values_and_gradients_are_those_of_numpy(robot, step, request, double):
     """Compare each function (of the walker each third) with NumPy: a stack, and gradients of each third one.
 
-    The first function of each signature: also vmap over all or one; of each third, forward mode. All share one program.
+    One program has all of them. The first function of each signature also by itself, with vmap over all or one
+    argument; of each third of these, forward mode.
     """
     robot = request.getfixturevalue(robot)
+    every = list(cases(robot, wrapper(robot, "jax"), COUNT))[::step]
+
+    @jax.jit
+    def together(stacks, cotangents):
+        values = [listed(case.function(*given)) for case, given in zip(every, stacks, strict=True)]
+        third = zip(every[::3], stacks[::3], cotangents[::3], strict=True)
+        return values, [pulled_back(*each) for each in third]
+
+    values, gradients = together([case.arguments for case in every], [case.cotangents for case in every])
+    for case, found in zip(every, values, strict=True):
+        close(found, case.results, case.path)
+    for case, found in zip(every[::3], gradients, strict=True):
+        close(found, case.of_wrapper(), case.path)
     seen = set()
-    for number, case in enumerate(list(cases(robot, wrapper(robot, "jax"), COUNT))[::step]):
-        close = lambda found, expected, path=case.path: np.testing.assert_allclose(  # noqa: E731
-            found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(initial=0), err_msg=path
-        )
+    for case in every:
         signature = tuple(tuple(np.shape(each) for each in stack) for stack in (case.arguments, case.results))
-        is_new = signature not in seen
+        if signature in seen:
+            continue
         seen.add(signature)
-        mapped = [jax.jit(jax.vmap(case.function))(*case.arguments)] if is_new else []
-        for found in (case.function(*case.arguments), *mapped):
-            assert all(isinstance(each, jax.Array) and each.dtype == np.float64 for each in listed(found))
-            for each, expected in zip(listed(found), case.results, strict=True):
-                close(each, expected)
-        if not is_new and number % 3 != 0:
-            continue
-        results, back = jax.vjp(case.function, *case.arguments)
-        gradients = back(results.__class__(case.cotangents) if isinstance(results, tuple) else case.cotangents[0])
-        for each, expected in zip(gradients, case.of_wrapper(), strict=True):
-            close(each, expected)
-        if not is_new:
-            continue
+        for found in (case.function(*case.arguments), jax.jit(jax.vmap(case.function))(*case.arguments)):
+            close(listed(found), case.results, case.path)
+        gradients = pulled_back(case, case.arguments, case.cotangents)
+        close(gradients, case.of_wrapper(), case.path)
         if len(seen) % 3 == 1:  # forward mode takes as long as all others together
             assert_transposed(case, gradients)
         first, *others = case.arguments
         shared = [each[0] for each in others]
         alone = jax.vmap(case.function, (0, *[None] * len(shared)))(first, *shared)
         for each, expected in zip(listed(alone), listed(case.function(first, *shared)), strict=True):
-            close(each, expected)
+            close([each], [expected], case.path)
 
 
 def test_gradients_are_differences(small, arm):

@@ -32,9 +32,9 @@ class Case:
         self.kernels = [each for each in kernels if each.tip == tip]
         self.functions = {each.qualified_name: function_of_stacks(chain, each) for each in self.kernels}
         self.chain, self.seed = chain, seed
-        drawn = References(chain, 1, seed, FAMILY)
-        loads = [load(each, rep)[0].astype(float) for each in (drawn.tips if total else drawn.tips[:1])]  # type: ignore[arg-type]
-        self.load, self.springs = sum(loads), symmetric(drawn.samples[KTH])[0]
+        self.drawn = References(chain, 1, seed, FAMILY)
+        loads = [load(each, rep)[0].astype(float) for each in self.drawn.tips[: None if total else 1]]  # type: ignore[arg-type]
+        self.load, self.springs = sum(loads), symmetric(self.drawn.samples[KTH])[0]
 
     def near_the_limit(self, distance: float) -> Array:
         """Return springs ``1 + distance`` times as stiff as those that lose stability, or unchanged without such."""
@@ -47,8 +47,12 @@ class Case:
         return np.asarray(np.linalg.eigvalsh(springs - self.load))
 
     def references(self, springs: Array) -> References:
-        """Return the references under other springs."""
-        return References(self.chain, 1, self.seed, FAMILY, Samples(self.chain, 1, self.seed, {KTH: springs[None]}))
+        """Return the references under other springs, with the Jacobians that were differentiated for the first ones."""
+        samples = Samples(self.chain, 1, self.seed, {KTH: springs[None]})
+        references = References(self.chain, 1, self.seed, FAMILY, samples)
+        for own, drawn in zip(references.tips, self.drawn.tips, strict=True):
+            own.pose, own.jacobian, own.derivative = drawn.pose, drawn.jacobian, drawn.derivative
+        return references
 
     def checks(self, springs: Array) -> list[Check]:
         """Compare all kernels with their oracles; of an unstable posture, those that do not refuse it."""

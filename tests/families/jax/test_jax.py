@@ -19,6 +19,7 @@ from support.wrappers import small_robot
 def test_wrapper_for_jax(chosen, tmp_path):
     """Run the tests of tests/campaigns/jax_wrapper.py, those of CI or the others."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # their search reads every package's metadata, for a second
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", str(tmp_path / "own")]
     done = subprocess.run(
         [*command, "-m", chosen, "tests/campaigns/jax_wrapper.py"],

@@ -28,7 +28,7 @@ from stiffgen.core.robot.geometry import FloatArray
 from stiffgen.core.symbolic import arguments
 from stiffgen.core.symbolic.arguments import BASE_POSE, TOOL_POSE, Q, configuration_arguments
 from stiffgen.core.symbolic.choices import KernelOptions
-from stiffgen.core.symbolic.connection import REPRESENTATIONS, Representation
+from stiffgen.core.symbolic.connection import Representation
 from stiffgen.core.verify.kernels.poses import MovedConfiguration, gamma_F, jacobian_of, product_of_poses
 from stiffgen.core.verify.kernels.rounding import evaluate_longer
 from stiffgen.core.verify.kernels.samples import Samples, symmetric
@@ -37,6 +37,18 @@ Derived = TypeVar("Derived")
 WRENCH = arguments.wrench("hybrid")
 TASK_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=True)
 GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=False)
+
+
+class ByRepresentation(dict[Representation, Derived]):
+    """Values by representation, each computed when it is first read."""
+
+    def __init__(self, compute: Callable[[Representation], Derived]) -> None:
+        super().__init__()
+        self._compute = compute
+
+    def __missing__(self, representation: Representation) -> Derived:
+        value = self[representation] = self._compute(representation)
+        return value
 
 
 class References:
@@ -101,32 +113,34 @@ class References:
         return self.evaluate(self.pose_expression)
 
     @cached_property
-    def jacobian_expressions(self) -> dict[str, ca.SX]:
+    def jacobian_expressions(self) -> ByRepresentation[ca.SX]:
         """Jacobian in each representation, as an expression of the configuration."""
         moves = ca.SX.sym("s", self.chain.base_joints)  # rates of the coordinates, at the base's present pose
         moved = product_of_poses(self.chain, self.place.q, self.place.base(moves)) @ self.mounted
         at_rest = ca.DM.zeros(self.chain.base_joints)
         variables = ca.vertcat(moves, self.place.q)
-        return {rep: ca.substitute(jacobian_of(moved, variables, rep), moves, at_rest) for rep in REPRESENTATIONS}
+        return ByRepresentation(lambda rep: ca.substitute(jacobian_of(moved, variables, rep), moves, at_rest))
 
     @cached_property
-    def jacobian(self) -> dict[str, FloatArray]:
+    def jacobian(self) -> ByRepresentation[FloatArray]:
         """Jacobian in each representation."""
-        return {rep: self.evaluate(jacobian) for rep, jacobian in self.jacobian_expressions.items()}
+        return ByRepresentation(lambda rep: self.evaluate(self.jacobian_expressions[rep]))
 
     @cached_property
-    def derivative(self) -> dict[str, FloatArray]:
+    def derivative(self) -> ByRepresentation[FloatArray]:
         """Derivative dJ^T/dq in each representation: entry [state, i, b, k] is dJ[k, b]/dq_i."""
-        derivatives, n = {}, self.chain.dof
-        for rep, jacobian in self.jacobian_expressions.items():
+        n = self.chain.dof
+
+        def derivative(rep: Representation) -> FloatArray:
             # ca.vec stacks columns: entry [state, 6 b + k, i] is dJ[k, b]/dq_i.
-            stacked = self.evaluate(ca.jacobian(ca.vec(jacobian), self.place.coordinates))
+            stacked = self.evaluate(ca.jacobian(ca.vec(self.jacobian_expressions[rep]), self.place.coordinates))
             # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
             rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[rep]).max(axis=(1, 2))
             stacked[np.abs(stacked).max(axis=(1, 2)) <= rounding] = 0.0
             by_column = stacked.reshape(-1, n, 6, n)  # [state, b, k, i]
-            derivatives[rep] = by_column.transpose(0, 3, 1, 2)
-        return derivatives
+            return by_column.transpose(0, 3, 1, 2)
+
+        return ByRepresentation(derivative)
 
     def evaluate(
         self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[FloatArray] = ()

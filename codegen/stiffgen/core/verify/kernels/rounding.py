@@ -246,18 +246,19 @@ def run(
     """
     work: dict[int, Any] = {}  # numbers by CasADi's register
     results = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
+    code_of, operands_of, place_of = function.instruction_id, function.instruction_input, function.instruction_output
     for k in range(function.n_instructions()):
-        operation, taken, into = (
-            function.instruction_id(k), function.instruction_input(k), function.instruction_output(k),
-        )  # fmt: skip
+        operation, into = code_of(k), place_of(k)
+        if operation == ca.OP_CONST:
+            work[into[0]] = constant(function.instruction_constant(k))
+            continue
+        taken = operands_of(k)
         if operation == ca.OP_INPUT:
             work[into[0]] = given[taken[0]][taken[1]]
-        elif operation == ca.OP_CONST:
-            work[into[0]] = constant(function.instruction_constant(k))
         elif operation == ca.OP_OUTPUT:
             results[into[0]][into[1]] = work[taken[0]]
         else:
-            work[into[0]] = operations[operation](*(work[each] for each in taken))
+            work[into[0]] = operations[operation](*[work[each] for each in taken])
     return results
 
 
@@ -304,7 +305,7 @@ def evaluate_longer(symbols: Sequence[ca.SX], expression: ca.SX, columns: Sequen
     """
     count = columns[0].shape[1]
     inputs = np.concatenate([*columns, np.ones((1, count))])  # (entries, states)
-    function = ca.Function("f", [ca.vertcat(*symbols, ONE)], [ca.vec(ca.densify(expression))], {"cse": True})
+    function = ca.Function("f", [ca.vertcat(*symbols, ONE)], [ca.vec(ca.densify(expression))])
 
     constant, in_doubles_only = partial(np.full, count, dtype=np.longdouble), np.asarray(function.map(count)(inputs))
     try:
