@@ -17,7 +17,7 @@ PAIRS = [pair for pair in itertools.combinations(SIDES, 2) if pair[0][0] != pair
 
 
 def start(loop: Loop, joints: Any, inside: float, sample_time: float, rise: float, delay: int) -> Any:
-    """Start with some joints at their limits and stay there for two seconds."""
+    """Start with some joints at their limits and stay there for a second."""
     q, effort = Q0.copy(), SHARE * loop.effort
     for joint, side in joints:
         q[joint] = (loop.upper if side > 0 else loop.lower)[joint] - side * inside
@@ -26,7 +26,7 @@ def start(loop: Loop, joints: Any, inside: float, sample_time: float, rise: floa
                          tip_velocity_limit=(2.0, 6.0), **limits)  # fmt: skip
     episode = loop.episode(q=q, motor=MOTOR, sample_time=sample_time, delay=delay, differences=1,
                            effort=effort, rate=effort / rise, substeps=max(1, round(sample_time / 1e-3)))  # fmt: skip
-    return loop.run(round(2.0 / sample_time), loop.segments({"wanted": q, "joint": 10.0}), episode, config)
+    return loop.run(round(1.0 / sample_time), loop.segments({"wanted": q, "joint": 10.0}), episode, config)
 
 
 def slow(*values: float) -> Any:

@@ -85,11 +85,11 @@ def follow(page: list[tuple[str, str]], folder: Path, environment: dict[str, str
 
 @pytest.mark.slow
 def test_the_pages_commands_behind_the_installation(tmp_path: Path) -> None:
-    """From the third command on, with the program of this environment; CMake compiles for debugging, in less time."""
+    """From the third command on, with the program of this environment; stiffgen and CMake compile in less time."""
     (tmp_path / "stiffgen").symlink_to(ROOT)
     (tmp_path / "venv" / "bin").mkdir(parents=True)
     (tmp_path / "venv" / "bin" / "stiffgen").symlink_to(Path(sys.executable).with_name("stiffgen"))
-    follow(commands()[2:], tmp_path, clean_environment() | {"CMAKE_BUILD_TYPE": "Debug"})
+    follow(commands()[2:], tmp_path, clean_environment() | {"CFLAGS": "-O0", "CMAKE_BUILD_TYPE": "Debug"})
 
 
 @pytest.mark.wide(instead="test_the_pages_commands_behind_the_installation")

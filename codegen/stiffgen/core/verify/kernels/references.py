@@ -39,7 +39,7 @@ TASK_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=True)
 GENERAL_STIFFNESS = arguments.task_stiffness("hybrid", symmetric_part=False)
 
 
-class ByRepresentation(dict[Representation, Derived]):
+class ReadOnDemand(dict[Representation, Derived]):
     """Values by representation, each computed when it is first read."""
 
     def __init__(self, compute: Callable[[Representation], Derived]) -> None:
@@ -113,21 +113,21 @@ class References:
         return self.evaluate(self.pose_expression)
 
     @cached_property
-    def jacobian_expressions(self) -> ByRepresentation[ca.SX]:
+    def jacobian_expressions(self) -> ReadOnDemand[ca.SX]:
         """Jacobian in each representation, as an expression of the configuration."""
         moves = ca.SX.sym("s", self.chain.base_joints)  # rates of the coordinates, at the base's present pose
         moved = product_of_poses(self.chain, self.place.q, self.place.base(moves)) @ self.mounted
         at_rest = ca.DM.zeros(self.chain.base_joints)
         variables = ca.vertcat(moves, self.place.q)
-        return ByRepresentation(lambda rep: ca.substitute(jacobian_of(moved, variables, rep), moves, at_rest))
+        return ReadOnDemand(lambda rep: ca.substitute(jacobian_of(moved, variables, rep), moves, at_rest))
 
     @cached_property
-    def jacobian(self) -> ByRepresentation[FloatArray]:
+    def jacobian(self) -> ReadOnDemand[FloatArray]:
         """Jacobian in each representation."""
-        return ByRepresentation(lambda rep: self.evaluate(self.jacobian_expressions[rep]))
+        return ReadOnDemand(lambda rep: self.evaluate(self.jacobian_expressions[rep]))
 
     @cached_property
-    def derivative(self) -> ByRepresentation[FloatArray]:
+    def derivative(self) -> ReadOnDemand[FloatArray]:
         """Derivative dJ^T/dq in each representation: entry [state, i, b, k] is dJ[k, b]/dq_i."""
         n = self.chain.dof
 
@@ -140,7 +140,7 @@ class References:
             by_column = stacked.reshape(-1, n, 6, n)  # [state, b, k, i]
             return by_column.transpose(0, 3, 1, 2)
 
-        return ByRepresentation(derivative)
+        return ReadOnDemand(derivative)
 
     def evaluate(
         self, expression: ca.SX, symbols: Sequence[ca.SX] = (), columns: Sequence[FloatArray] = ()
