@@ -18,7 +18,7 @@ import pytest
 
 from examples.experiments.plant import START_POSTURE
 from fri.robot.messages import SessionState
-from fri.support.run import Run, versions
+from fri.support.run import Run, newest, versions
 from fri.support.served import served
 from fri.support.session import RobotScript, write_short_trajectory
 
@@ -136,7 +136,7 @@ def test_losses_cost_no_time_and_no_velocity(scenario: Scenario, version: str) -
 # ---- the arm ---------------------------------------------------------------------------------------------------------
 
 
-@versions
+@newest
 @pytest.mark.parametrize(
     ("option", "limit", "what"),
     [
@@ -170,7 +170,7 @@ def test_a_held_arm_stops_the_trajectory_and_is_let_go(
     assert "slowed: " in run.output and "let go: " in run.output
 
 
-@versions
+@newest
 def test_an_arm_that_is_held_for_a_while_goes_on(scenario: Scenario, version: str) -> None:
     """Hold the arm for 0.6 s, less than --hold-time: the trajectory slows down, continues and reaches its end."""
     run = scenario(
@@ -193,7 +193,7 @@ def test_the_defaults_for_commissioning_are_low(scenario: Scenario) -> None:
     np.testing.assert_allclose(told["torque_rate_limit"], 4 * np.array(told["effort_limit"]))
 
 
-@versions
+@newest
 def test_an_arm_that_is_too_fast_is_let_go(scenario: Scenario, version: str) -> None:
     run = scenario(version, client=("--speed-share", 0.1))
     assert run.code == FAULT and "rad/s; see --speed-share" in last_line(run)
