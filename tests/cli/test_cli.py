@@ -102,7 +102,7 @@ def test_usage_errors_exit_with_2(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unoptimised", "narrowest_width")
+@pytest.mark.usefixtures("unoptimised", "narrowest_width", "few_sessions")
 def test_verify(capsys, robot_folder):
     """Verify the iiwa 14 by the command: all comparisons pass, and each kind of oracle is listed."""
     code, out, err = run(capsys, "verify", robot_folder, URDF, "--samples", 20)

@@ -33,6 +33,10 @@ _OVERWRITTEN = 40
 """Doubles per joint from the state's beginning, among which one is overwritten."""
 _LARGEST_STEP, _FASTEST = 0.02, 20.0
 """Largest step of the simulated arm [s], and its largest velocity [rad/s or m/s]."""
+_BAD = (math.nan, math.inf, -math.inf, 1e7)
+"""Values of a sample that is falsified."""
+_TEXT_SIZES = (512, 512, 40, 1, 0)
+"""Bytes of memory for texts."""
 Random = np.random.Generator
 
 
@@ -168,7 +172,7 @@ class HostileSession:
 
     def _has_same_texts(self) -> bool:
         """Return whether both put out the same texts of fault and refusal, in memory that may be too short."""
-        size = int(self.random.choice([512, 512, 40, 1, 0]))
+        size = _TEXT_SIZES[self.random.integers(len(_TEXT_SIZES))]
         reference, library = ((each.fault_text(size), each.refusal_text(size)) for each in self.both)
         return reference == library
 
@@ -184,7 +188,7 @@ class HostileSession:
         # [rad] outside the limits: clipped by the controller, or refused
         beyond = 0.05 if random.random() < 0.99 else 100.0
         low, high = np.array(self.config.lower_limit), np.array(self.config.upper_limit)
-        fill(given.q0, np.clip(self.goal, low - beyond, high + beyond))
+        fill(given.q0, self.goal.clip(low - beyond, high + beyond))
         given.shaped = self.shaped
         # rounded, and so not quite symmetric
         stiffness = self.stiffness.astype(np.float32) if random.random() < 0.05 else self.stiffness
@@ -208,7 +212,7 @@ class HostileSession:
         """
         random, given = self.random, self.input
         event, joint = random.random() * (8.0 if self.calm else 1.0), int(random.integers(self.n))
-        bad = float(random.choice([math.nan, math.inf, -math.inf, 1e7]))
+        bad = _BAD[random.integers(len(_BAD))]  # as random.choice, which is slow
         self._begin_gap()
         if self.stuck > 0:
             self.stuck -= 1

@@ -148,4 +148,5 @@ def set_field(config: Any, field: Field, value: float, entry: int) -> None:
 
 def fill(array: Any, values: Any) -> None:
     """Write numbers into an array of a struct."""
-    array[:] = np.ravel(values).tolist()[: len(array)]
+    flat = values.ravel() if isinstance(values, np.ndarray) else np.ravel(values)  # np.ravel of an array is slow
+    array[:] = flat.tolist()[: len(array)]
