@@ -23,9 +23,10 @@ import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FLAGS = (
-    "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu-sandbox", "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader", "--no-first-run", "--disable-extensions", "--disable-background-networking",
-    "--disable-component-update", "--hide-scrollbars", "--mute-audio",
+    "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu-sandbox",
+    "--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--disable-gpu-compositing", "--no-first-run",
+    "--disable-extensions", "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
+    "--mute-audio",
 )  # fmt: skip
 _AS_THREE_AND_FOUR = """
 import os, sys
@@ -52,7 +53,7 @@ def require_chromium() -> str:
 class Page:
     """A tab; every method waits for the browser's answer."""
 
-    def __init__(self, browser: _Browser, session: str) -> None:
+    def __init__(self, browser: Browser, session: str) -> None:
         self._browser, self._session = browser, session
         self.errors: list[str] = []
         """Exceptions, console errors and log entries at level error, since the page was opened."""
@@ -130,7 +131,7 @@ class Page:
                 self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
 
-class _Browser:
+class Browser:
     """Process of the browser, with a thread that reads its messages."""
 
     def __init__(self, program: str, profile: str) -> None:
@@ -210,11 +211,11 @@ def _moved_up(end: int) -> int:
 
 
 @contextmanager
-def chromium() -> Iterator[_Browser]:
+def chromium() -> Iterator[Browser]:
     """Start a browser with a temporary profile; it ends with the test."""
     program = require_chromium()
     with tempfile.TemporaryDirectory(prefix="stiffgen-browser-", ignore_cleanup_errors=True) as profile:
-        browser = _Browser(program, profile)
+        browser = Browser(program, profile)
         try:
             yield browser
         finally:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 import stiffgen
-from lab.play.browser import Page, chromium, require_chromium
+from lab.play.browser import Browser, Page
 from stiffgen import open_robot
 from stiffgen.lab.play.page import write_page
 from support.chains import chain_urdf
@@ -61,21 +60,8 @@ CONTRAST = """(() => {
 """The least contrast of texts, and of the lines of the work; how many texts."""
 
 
-@pytest.fixture(scope="module")
-def file(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    require_wasm()
-    require_chromium()
-    return write_page(robot_folder, tmp_path_factory.mktemp("page") / "play.html")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with chromium() as running:
-        yield running
-
-
 @pytest.fixture
-def page(browser, file: Path) -> Page:  # type: ignore[no-untyped-def]
+def page(browser: Browser, file: Path) -> Page:
     """Return the page in a browser; fail at the end for errors or requests to other hosts."""
     opened = browser.page()
     opened.window(1280, 900)
@@ -392,7 +378,7 @@ def test_contrast(page: Page, scheme: str) -> None:
     )
 
 
-def test_without_webgl_the_rest_works(browser, file: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_without_webgl_the_rest_works(browser: Browser, file: Path, tmp_path: Path) -> None:
     """Take WebGL away: a message in place of the arm, and the controls still work."""
     text = file.read_text().replace('getContext("webgl2"', 'getContext("none"')
     (tmp_path / "play.html").write_text(text)
@@ -404,12 +390,13 @@ def test_without_webgl_the_rest_works(browser, file: Path, tmp_path: Path) -> No
     page.settle()
     assert page.js("playground.state.wrench[5]") == pytest.approx(8.2)
     assert page.errors == []
+    page.do("Page.close")
 
 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in ("one joint", "two tips") else pytest.mark.wide) for name in ROBOTS]
 )
-def test_other_robots(browser, name: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_other_robots(browser: Browser, name: str, tmp_path: Path) -> None:
     """Open the pages of other robots: sliders for each coordinate, and no work of the exact law."""
     types, options = ROBOTS[name]
     urdf = ROOT / "tests" / "data" / "dual_arm.urdf" if types is None else tmp_path / "arm.urdf"
@@ -464,7 +451,7 @@ def four_bar(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_page(made, folder / "play.html")
 
 
-def test_a_four_bar_stays_closed_while_it_is_dragged(browser, four_bar: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_four_bar_stays_closed_while_it_is_dragged(browser: Browser, four_bar: Path) -> None:
     """Slider, tip and link; what the motors feel against the unrolled functions; a crank that the loop stops at 0."""
     page = browser.page()
     page.window(1280, 900)

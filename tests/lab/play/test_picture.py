@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.play.browser import Page, chromium, require_chromium
+from lab.play.browser import Browser, Page
 from lab.play.picture import take
-from stiffgen.lab.play.page import write_page
 from support.pictures import pixels, share_of_pixels
-from support.playground import require_wasm
 from support.project import ROOT
 
 pytestmark = pytest.mark.slow
@@ -24,18 +22,11 @@ SAME = 0.003
 KEYS = ("exact", "conventional", "corrected", "translation", "rotation")
 
 
-@pytest.fixture(scope="module")
-def file(robot_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    require_wasm()
-    require_chromium()
-    return write_page(robot_folder, tmp_path_factory.mktemp("page") / "play.html")
-
-
 @pytest.fixture
-def page() -> Iterator[Page]:
-    require_chromium()
-    with chromium() as browser:
-        yield browser.page()
+def page(browser: Browser) -> Iterator[Page]:
+    opened = browser.page()
+    yield opened
+    opened.do("Page.close")
 
 
 def test_the_picture_is_the_page(page: Page, file: Path) -> None:
