@@ -3,15 +3,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from lab.play.browser import Browser, chromium, require_chromium
 from stiffgen.lab.play.page import write_page
+from stiffgen.lab.play.wasm import compile_wasm
 from support.playground import require_wasm
 from support.project import Once
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kept_wasm(once: Once) -> Iterator[None]:
+    """Compile each robot's kernels for WebAssembly once for all workers."""
+
+    def kept(source: Path, functions: Sequence[str]) -> bytes:
+        texts = [os.environ["PATH"], *functions, *(file.read_text() for file in sorted(source.parent.glob("*.[ch]")))]
+        digest = hashlib.sha256("\0".join(texts).encode()).hexdigest()
+        made = once(f"wasm-{digest}", lambda folder: (folder / "wasm").write_bytes(compile_wasm(source, functions)))
+        return (made / "wasm").read_bytes()
+
+    with pytest.MonkeyPatch.context() as patch:
+        for user in ("stiffgen.lab.play.page", "support.playground"):
+            patch.setattr(f"{user}.compile_wasm", kept)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -50,7 +50,8 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Scripts]:
         if types:
             urdf.write_text(chain_urdf(types))
         (folder / "scripts").mkdir()
-        return Scripts(open_robot(stiffgen.generate(urdf, output=folder, name="arm", **options)), folder / "scripts")
+        generated = stiffgen.generate(urdf, output=folder, name="arm", batches=False, controller=False, **options)
+        return Scripts(open_robot(generated), folder / "scripts")
 
     return made
 
