@@ -72,15 +72,6 @@ def narrowest_width(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(widths, "WIDTHS", widths.WIDTHS[:2])
 
 
-@pytest.fixture
-def few_sessions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let verify run a sixth of its hostile sessions, without optimisation: for tests that do not look at these."""
-    from stiffgen.control.sessions import library, sessions  # a room that the tests of the core go without
-
-    monkeypatch.setattr(sessions, "SESSIONS", sessions.SESSIONS // 6)
-    monkeypatch.setattr(library, "CAREFUL", ("-O0", *library.CAREFUL[1:]))
-
-
 @pytest.fixture(scope="session")
 def compiled(once: Once, robot_folder: Path) -> Compiled:
     """Return a function that compiles the iiwa 14 without a warning, once for all workers."""

@@ -22,6 +22,7 @@ import stiffgen
 from stiffgen import open_robot
 from stiffgen.cli import COMMANDS, main
 from stiffgen.cli.parsing import CommandParser
+from stiffgen.control.sessions import library, sessions
 from stiffgen.core.robot.chain import ChainOptions
 from stiffgen.core.verify.result import Check
 from stiffgen.rooms import is_there
@@ -99,6 +100,13 @@ def test_usage_errors_exit_with_2(capsys):
             main(arguments)
         assert stopped.value.code == 2
     capsys.readouterr()
+
+
+@pytest.fixture
+def few_sessions(monkeypatch):
+    """Let verify run a sixth of its hostile sessions, without optimisation: for tests that do not look at these."""
+    monkeypatch.setattr(sessions, "SESSIONS", sessions.SESSIONS // 6)
+    monkeypatch.setattr(library, "CAREFUL", ("-O0", *library.CAREFUL[1:]))
 
 
 @pytest.mark.slow
