@@ -75,7 +75,7 @@ def test_every_function_calls_its_width(robot_folder: Path, tmp_path: Path, comp
 @pytest.mark.parametrize("compiler", COMPILERS[:1])
 def test_library_has_the_bits_of_each_width(tmp_path: Path, compiler: str) -> None:
     """Compare the library with builds for one width each: the dispatcher must run exactly the width it says."""
-    folder = stiffgen.generate(URDF, output=tmp_path, build=False, controller=False, kernels="hybrid")
+    folder = stiffgen.generate(URDF, output=tmp_path, build=False, controller=False, kernels="hybrid.joint_stiffness")
     (tmp_path / "main.c").write_text(VALUES)
     build, sources = tmp_path / "build", [folder / "iiwa14.c", folder / "iiwa14_batch.c"]
     flags = [f"-DCMAKE_C_COMPILER={compiler}", "-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_C_FLAGS_DEBUG=-O2"]

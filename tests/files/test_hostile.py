@@ -193,7 +193,7 @@ def test_inspect_prints_every_problem_and_any_name_on_any_terminal(tmp_path):
 
 
 def test_unreadable_file(tmp_path):
-    done = run(["generate", "missing\udcff.urdf"], tmp_path)
+    done = run_forked(["generate", "missing\udcff.urdf"], tmp_path, MEGABYTES, SECONDS)
     assert done.returncode == 2 and "cannot be read" in done.stderr and "Traceback" not in done.stderr
 
 
@@ -203,7 +203,7 @@ def test_a_pipe_is_read_if_something_writes_to_it(tmp_path):
     """None waits for ever; a writer that comes late, or has long finished, is read."""
     pipe = tmp_path / "pipe.urdf"
     os.mkfifo(pipe)
-    done = run(["inspect", "pipe.urdf"], tmp_path)
+    done = run_forked(["inspect", "pipe.urdf"], tmp_path, MEGABYTES, SECONDS)
     assert done.returncode == 2
     assert "nothing writes" in done.stderr and len(done.stderr.splitlines()) <= 2  # the second is the measurement
     writer = subprocess.Popen(
@@ -211,7 +211,7 @@ def test_a_pipe_is_read_if_something_writes_to_it(tmp_path):
     )
     writer.stdin.write(ARM)
     writer.stdin.close()
-    assert run(["inspect", "pipe.urdf"], tmp_path).returncode == 0
+    assert run_forked(["inspect", "pipe.urdf"], tmp_path, MEGABYTES, SECONDS).returncode == 0
     assert writer.wait() == 0
     reading, writing = os.pipe()
     os.write(writing, ARM.encode())

@@ -50,13 +50,19 @@ def of_types(folder, types, **options):
     return stiffgen.load_chain(urdf, **options)
 
 
-def worst_error(chain, kernel, product, count, seed):
-    """Return the largest error of a kernel's products at random states, relative to the gradient's largest entry."""
+def worst_errors(chain, count, seed):
+    """Return the worst error of each kernel's products at random states."""
     pool = argument_samples(chain, count, seed, OPTIONS)
+    return {kernel.qualified_name: worst_error(chain, kernel, product, pool) for kernel, product in products(chain)}
+
+
+def worst_error(chain, kernel, product, pool):
+    """Return the largest error of a kernel's products at some states, relative to the gradient's largest entry."""
     forward, backward = casadi_function(chain, kernel), casadi_function(chain, product)
     stacks = [columns(pool[a], a.array(chain).shape) for a in product.arguments]
     given, cotangents = stacks[: len(kernel.arguments)], stacks[len(kernel.arguments) :]
     expected = gradients(forward, given, cotangents)
+    count = len(stacks[0])
     found = backward.map(count)(*(np.concatenate(list(stack), axis=1) for stack in stacks))
     worst = 0.0
     for value, reference in zip(found if isinstance(found, tuple) else (found,), expected, strict=True):
@@ -89,7 +95,7 @@ def products(chain):
 def test_products_are_complex_steps(robot, tmp_path):
     """Compare all VJPs and JVPs with complex steps, which have no cancellation."""
     chain = ROBOTS[robot](tmp_path)
-    errors = {k.qualified_name: worst_error(chain, k, p, 3, seed=5) for k, p in products(chain)}
+    errors = worst_errors(chain, 3, seed=5)
     assert {name: error for name, error in errors.items() if not error <= BOUND} == {}
 
 
@@ -97,7 +103,7 @@ def test_products_are_complex_steps(robot, tmp_path):
 @pytest.mark.parametrize("robot", ["sliding and mimic joints", "small floating", "seven turning joints", "nine joints"])
 def test_two_hundred_states(robot, tmp_path):
     chain = ROBOTS[robot](tmp_path)
-    errors = {k.qualified_name: worst_error(chain, k, p, 200, seed=6) for k, p in products(chain)}
+    errors = worst_errors(chain, 200, seed=6)
     assert {name: error for name, error in errors.items() if not error <= BOUND} == {}
 
 

@@ -289,9 +289,14 @@ def terms(chain: Chain, pose: ca.SX, *parameters: ca.SX, spring: Spring, parts: 
     """
     quantities = derivatives(spring, pose[:3, 3], pose[:3, :3], parameters)
     K = symmetric_from_upper(quantities.K)
-    values = {"U": quantities.V, "F": quantities.F, "K": ca.vec(K.T), "k": ca.vec(ca.triu(K).T)}
-    values["s"] = ca.vertcat(*(sum(map(ca.fabs, ca.horzsplit(K[row, :])), ca.SX(0)) for row in range(6)))
+    values: dict[str, Callable[[], ca.SX]] = {
+        "U": lambda: quantities.V,
+        "F": lambda: quantities.F,
+        "K": lambda: ca.vec(K.T),
+        "k": lambda: ca.vec(ca.triu(K).T),
+        "s": lambda: ca.vertcat(*(sum(map(ca.fabs, ca.horzsplit(K[row, :])), ca.SX(0)) for row in range(6))),
+    }
     sections = quantities.sections
     if "K" in parts or "s" in parts:  # its entries stand in both triangles
         sections += (Section("covariant Hessian", {"hessian": K}, shared=True),)
-    return Expressions(ca.vertcat(*(values[part] for part in parts)), sections)
+    return Expressions(ca.vertcat(*(values[part]() for part in parts)), sections)
