@@ -86,7 +86,6 @@ def test_the_same_instructions_for_every_float(name, floats, chain, tmp_path):
     some(
         [name for name in BY_NAME if name != "Cortex-M7, FPU for float"],
         "x86-64 gcc",
-        "aarch64",
         "Cortex-M7, FPU for double",
     ),
 )

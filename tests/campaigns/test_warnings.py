@@ -16,12 +16,15 @@ from support.warnings import LEVELS, complaints, sources_of_random_robot, source
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.wide), 5])
-def test_random_robots_compile_without_a_warning(seed, tmp_path):
+@pytest.mark.parametrize(
+    ("seed", "levels"),
+    [(5, ("-O1", "-O3")), *(pytest.param(seed, LEVELS, marks=pytest.mark.wide) for seed in (1, 5))],
+)
+def test_random_robots_compile_without_a_warning(seed, levels, tmp_path):
     """The controller, whose text differs in sizes alone, of the first robot; the campaign has another's."""
     gcc = require_compiler("gcc")
     sources = [each for each in sources_of_random_robot(seed, 3, tmp_path) if seed == 1 or "impedance" not in each.name]
-    assert {level: complaints(gcc, [level], sources) for level in LEVELS} == dict.fromkeys(LEVELS, "")
+    assert {level: complaints(gcc, [level], sources) for level in levels} == dict.fromkeys(levels, "")
 
 
 @pytest.mark.slow
