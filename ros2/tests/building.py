@@ -137,9 +137,9 @@ def compile_robot(folder: Path, robot: Path) -> None:
 
 
 def compile_scenarios(folder: Path, package: Path, robot: Path, objects: Path, distro: str) -> None:
-    """Build the program of the scenarios from a package and its robot's objects, in two translation units.
+    """Build the program of the scenarios from a package and its robot's objects, in one translation unit.
 
-    Headers take most of the compiler's time: thirteen units take four times as long. CMake builds each file alone.
+    Headers take most of the compiler's time: thirteen units take five times as long. CMake builds each file alone.
     The newest distribution is compiled as C++20, which some of its packages ask for.
     """
     configured(folder, package, robot.name)
@@ -148,11 +148,11 @@ def compile_scenarios(folder: Path, package: Path, robot: Path, objects: Path, d
     namespace = f"-D{PACKAGE.name}={name}"  # the scenarios' name of the package
     newer = ["-std=c++20"] if distro == "rolling" else []
     command = ["g++", *STRICT, *newer, f"-DSTUB_DISTRO={DISTROS[distro]}", namespace, *include]
-    for source in (package / "src", Path(__file__).parent):
-        files = sorted(set(source.glob("*.cpp")) - {source / "mock_system.cpp"})  # another plugin, with its own program
-        unit = folder / f"all_{source.name}.cpp"
-        unit.write_text("".join(f'#include "{file}"\n' for file in files))
-        run([*command, "-c", unit], folder)
+    files = [file for source in (package / "src", Path(__file__).parent) for file in sorted(source.glob("*.cpp"))]
+    files.remove(package / "src" / "mock_system.cpp")  # another plugin, with its own program
+    unit = folder / "all.cpp"
+    unit.write_text("".join(f'#include "{file}"\n' for file in files))
+    run([*command, "-c", unit], folder)
     run(["g++", *folder.glob("*.o"), *objects.glob("*.o"), "-o", "scenarios", "-lm"], folder)
 
 
