@@ -13,7 +13,7 @@ import pytest
 from fri.support.python_client import free_port
 from fri.support.session import require_tools, run_cmake
 from support.pages import blocks, commands
-from support.project import ROOT, require_compiler
+from support.project import ROOT, Once, require_compiler
 
 STANDIN = ROOT / "fri" / "support" / "native" / "standin"
 BLOCKS = blocks(ROOT / "docs" / "fri.md")
@@ -27,16 +27,23 @@ def client() -> str:
     return block.code
 
 
+@pytest.fixture(scope="module")
+def objects(once: Once, robot_folder: Path) -> list[Path]:
+    """Return the objects of the robot and its controller, without optimisation."""
+
+    def make(folder: Path) -> None:
+        sources = [robot_folder / f"{name}.c" for name in ("iiwa14", "iiwa14_impedance")]
+        subprocess.run(["cc", "-std=c99", "-O0", "-c", *sources], cwd=folder, check=True)
+
+    return sorted(once("own-client", make).glob("*.o"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("version", ["115", "205", "207"])
-def test_the_pages_client(client: str, version: str, robot_folder: Path, tmp_path: Path) -> None:
+def test_the_pages_client(client: str, version: str, robot_folder: Path, objects: list[Path], tmp_path: Path) -> None:
     """Compile and run the page's client: it waits with torque and position, yields to a push, and sends no NaN."""
     source = tmp_path / "client.cpp"
     source.write_text(client + SESSION)
-    objects = []
-    for name in ("iiwa14", "iiwa14_impedance"):
-        objects.append(tmp_path / f"{name}.o")
-        subprocess.run(["cc", "-std=c99", "-O0", "-c", robot_folder / f"{name}.c", "-o", objects[-1]], check=True)
     command = [require_compiler("g++"), "-std=c++17", "-O0", "-Wall", "-Wextra", "-Werror", f"-I{robot_folder}"]
     command += ["-isystem", str(STANDIN), f"-DSTANDIN_VERSION={version}"]
     command += ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
