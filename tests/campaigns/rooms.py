@@ -90,8 +90,6 @@ class House:
                 (folder / file).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / file, folder / file)
                 self._copy_compiled(file)
-        for template in (ROOT / "codegen/stiffgen/core/__pycache__").glob("templates-*"):
-            shutil.copy2(template, folder / template.relative_to(ROOT))
         (folder / "small.urdf").write_text(SMALL)
 
     def _copy_compiled(self, file: str) -> None:

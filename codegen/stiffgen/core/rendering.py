@@ -41,13 +41,6 @@ def environment(
     return templates
 
 
-class _ByName(jinja2.FileSystemBytecodeCache):
-    """Keeps a template under its name alone: a copy of the package has what the original has compiled."""
-
-    def get_cache_key(self, name: str, filename: str | None = None) -> str:
-        return super().get_cache_key(name)
-
-
 def _kept(kind: str) -> jinja2.FileSystemBytecodeCache | None:
     """Return the cache of compiled templates beside that of Python's modules; None where Python writes none.
 
@@ -56,4 +49,4 @@ def _kept(kind: str) -> jinja2.FileSystemBytecodeCache | None:
     folder = Path(cache_from_source(__file__)).parent
     if sys.dont_write_bytecode or not os.access(folder, os.W_OK):
         return None
-    return _ByName(str(folder), f"templates-{kind}-{jinja2.__version__}-%s.bin")
+    return jinja2.FileSystemBytecodeCache(str(folder), f"templates-{kind}-{jinja2.__version__}-%s.bin")

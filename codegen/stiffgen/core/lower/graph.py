@@ -128,9 +128,8 @@ class Graph:
         """
         results = list(results)
         conditional = {number for number, (kind, _, _) in enumerate(self.keys) if kind in CONDITIONAL}
-        return bool(conditional) and any(
-            not self._is_mask(number, results) for number in self.uses(results) if number in conditional
-        )
+        used = conditional.intersection(self.uses(results)) if conditional else ()
+        return any(not self._is_mask(number, results) for number in used)
 
     def _is_mask(self, comparison: int, results: Iterable[int]) -> bool:
         """Return whether all results that depend on a comparison are NaN where it is 0."""
@@ -206,8 +205,7 @@ def build_graph(function: ca.Function) -> tuple[Graph, list[int]]:
     registers: dict[int, int] = {}  # number of the node in each of CasADi's registers, which it uses again
     outputs = [graph.add("const", 0.0)] * function.nnz_out(0)
     for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        into = function.instruction_output(k)
+        operation, into = function.instruction_id(k), function.instruction_output(k)
         from_ = function.instruction_input(k)
         if operation == ca.OP_OUTPUT:
             outputs[into[1]] = registers[from_[0]]

@@ -267,10 +267,7 @@ def entries_of(value: ca.SX) -> list[ca.SX]:
 def as_operand(shape: tuple[int, ...], entries: Sequence[ca.SX]) -> ca.SX:
     """Return entries in CasADi's form: a matrix for two dimensions, otherwise a column."""
     column = ca.vertcat(*entries)
-    if len(shape) != 2:
-        return column
-    rows, columns = shape
-    return ca.reshape(column, columns, rows).T
+    return ca.reshape(column, shape[1], shape[0]).T if len(shape) == 2 else column
 
 
 def pruned(

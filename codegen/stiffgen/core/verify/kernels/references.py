@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -47,8 +47,7 @@ class ReadOnDemand(dict[Representation, Derived]):
         self._compute = compute
 
     def __missing__(self, representation: Representation) -> Derived:
-        value = self[representation] = self._compute(representation)
-        return value
+        return self.setdefault(representation, self._compute(representation))
 
 
 class References:
@@ -89,8 +88,7 @@ class References:
         """Return the result of a family's function of these references, computed once."""
         if derive not in self._derived:
             self._derived[derive] = derive(self)
-        result: Derived = self._derived[derive]
-        return result
+        return cast(Derived, self._derived[derive])
 
     def posture_of(self, representation: Representation) -> tuple[FloatArray, ...]:
         """Return q, and the poses of base and tool where the representation's kernels take them (body: no base)."""
@@ -137,8 +135,7 @@ class References:
             # The derivative with respect to a single joint is zero; differentiation leaves only rounding.
             rounding = 64 * np.finfo(float).eps * np.abs(self.jacobian[rep]).max(axis=(1, 2))
             stacked[np.abs(stacked).max(axis=(1, 2)) <= rounding] = 0.0
-            by_column = stacked.reshape(-1, n, 6, n)  # [state, b, k, i]
-            return by_column.transpose(0, 3, 1, 2)
+            return stacked.reshape(-1, n, 6, n).transpose(0, 3, 1, 2)  # from [state, b, k, i]
 
         return ReadOnDemand(derivative)
 

@@ -246,13 +246,12 @@ def run(
     """
     work: dict[int, Any] = {}  # numbers by CasADi's register
     results = [[constant(0.0)] * function.nnz_out(k) for k in range(function.n_out())]
-    code_of, operands_of, place_of = function.instruction_id, function.instruction_input, function.instruction_output
     for k in range(function.n_instructions()):
-        operation, into = code_of(k), place_of(k)
+        operation, into = function.instruction_id(k), function.instruction_output(k)
         if operation == ca.OP_CONST:
             work[into[0]] = constant(function.instruction_constant(k))
             continue
-        taken = operands_of(k)
+        taken = function.instruction_input(k)
         if operation == ca.OP_INPUT:
             work[into[0]] = given[taken[0]][taken[1]]
         elif operation == ca.OP_OUTPUT:
