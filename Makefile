@@ -12,8 +12,6 @@ comma := ,
 # CI compiles only the modules that it imports, when it imports them, with both processors.
 pip = @echo "pip install $(1)"; \
   $(call beside_its_size,$(BIN)/pip install --disable-pip-version-check $(if $(CI),--no-compile )$(1))
-# The pip that comes with Python 3.11 needs a minute more than today's to choose the versions of 200 packages.
-newer_pip = @$(BIN)/pip install --quiet --disable-pip-version-check --upgrade pip || echo "the old pip will do" >&2
 URDFS := $(sort $(wildcard urdf/*.urdf))
 GENERATOR := $(shell find codegen -name '*.py' -o -name '*.j2' -o -name '*.[ch]')
 TORCH ?= torch>=2.5
@@ -177,15 +175,16 @@ build/dist-venv/installed:
 	@touch $@
 
 
+# The pip that comes with Python 3.11 needs a minute more than today's to choose 200 packages, but it will do, too.
 $(VENV)/installed-test: $(VENV)/installed
-	$(newer_pip)
+	-$(call pip,--upgrade pip)
 	$(call pip,--editable '.[test$(comma)lint]')
 	$(call pip,--no-deps 'lerobot>=0.4.4')
 	@touch $@
 
 # What CI needs, found and installed at once.
 $(VENV)/installed-ci: $(VENV)/installed
-	$(newer_pip)
+	-$(call pip,--upgrade pip)
 	$(call pip,--editable '.[test$(comma)lint$(comma)docs$(comma)fuzz]')
 	$(call pip,--no-deps 'lerobot>=0.4.4')
 	@touch $(patsubst %,$(VENV)/installed-%,test docs fuzz) $@

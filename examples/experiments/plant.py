@@ -94,6 +94,8 @@ class Plant:
         self._steps = 0
         self._tip = self.model.site("tip").id
         self._sensor = self.model.site("sensor").id
+        addresses = [self.model.sensor(name).adr[0] for name in ("force", "torque")]
+        self._reading = np.add.outer(addresses, range(3)).ravel()  # places of both among the sensors' numbers
         self._held = self.model.body("tool" if tool else FLANGE).id  # what the force/torque sensor holds
         self._payload = _payload(self.model, self._held)
         self._weight, self._per_lever, self._hangs = np.zeros(3), np.zeros((3, 3)), False
@@ -170,7 +172,7 @@ class Plant:
     @property
     def reading(self) -> Array:
         """Reading (6) of the force/torque sensor between flange and tool, flange axes: robot on tool [N, N m]."""
-        return np.array(self.data.sensordata)
+        return np.array(self.data.sensordata[self._reading])
 
     def wrench(self, robot: Any) -> Array:
         """Return the wrench (force [N], moment [N m]) of the environment on the robot at the tip, base axes.

@@ -60,10 +60,10 @@ COUNTED = [
 
 def counted_in(version: str) -> list[Any]:
     """Return the rows for a version of the FRI; outside 2.7 only bytes that are no message meet other code."""
-    first = () if version == "2.7" else pytest.mark.slow if version == "1.15" else pytest.mark.wide
-    others = () if version == "2.7" else pytest.mark.wide
+    slow, wide = pytest.mark.slow, pytest.mark.wide
+    of_garbage, of_others = {"2.7": ((), ()), "1.15": (slow, wide)}.get(version, (wide, wide))
     return [
-        pytest.param(version, kinds, id=f"{name}-{version}", marks=first if name == "garbage" else others)
+        pytest.param(version, kinds, id=f"{name}-{version}", marks=of_garbage if name == "garbage" else of_others)
         for name, kinds in zip(map(next, map(iter, COUNTED)), COUNTED, strict=True)
     ]
 

@@ -167,7 +167,7 @@ def test_header_and_manifest_state_type_and_bounds(folder, chain):
         pytest.param(compiler, *case, marks=mark)
         for compiler in compilers()
         for *case, mark in (
-            ("c99", *(("-O1", ()) if compiler == "gcc" else ("-O0", pytest.mark.slow))),
+            ("c99", "-O1", ()) if compiler == "gcc" else ("c99", "-O0", pytest.mark.slow),
             ("c++11", "-O0", pytest.mark.slow),
             ("c++20", "-O3", pytest.mark.wide),
         )

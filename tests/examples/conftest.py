@@ -77,4 +77,4 @@ def solo(solo_folder: Path) -> ModuleType:
 @pytest.fixture(scope="session")
 def two_arms_folder(once: Once) -> Path:
     """Return the folder of the two iiwa 14 of examples/two_arms.py, with their URDF beside the robot's."""
-    return once("two-arms", lambda output: two_arms.generated(output))
+    return once("two-arms", two_arms.generated)

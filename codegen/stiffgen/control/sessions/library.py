@@ -148,5 +148,4 @@ def set_field(config: Any, field: Field, value: float, entry: int) -> None:
 
 def fill(array: Any, values: Any) -> None:
     """Write numbers into an array of a struct."""
-    flat = values.ravel() if isinstance(values, np.ndarray) else np.ravel(values)  # np.ravel of an array is slow
-    array[:] = flat.tolist()[: len(array)]
+    array[:] = np.asarray(values).ravel().tolist()[: len(array)]

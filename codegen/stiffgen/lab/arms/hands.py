@@ -48,8 +48,7 @@ def _origins(call: str, pose_a: ArrayLike, pose_b: ArrayLike) -> tuple[FloatArra
 def _at(wrench: FloatArray, from_point: FloatArray, point: FloatArray) -> FloatArray:
     """Return a wrench about another point."""
     force, moment = np.broadcast_arrays(wrench[..., :3], wrench[..., 3:])
-    lever = from_point - point  # the cross product is np.cross's to the bit, which takes five times as long
-    moved = moment + (lever[..., [1, 2, 0]] * force[..., [2, 0, 1]] - lever[..., [2, 0, 1]] * force[..., [1, 2, 0]])
+    moved = moment + np.cross(from_point - point, force)
     return np.concatenate([np.broadcast_to(force, moved.shape), moved], axis=-1)
 
 
